@@ -153,9 +153,11 @@ class Parameter:
 
     def default_for(self, n: int) -> Any:
         """Return the default for `n` joints."""
-        if self.kind != 'float[]' or (isinstance(self.default, tuple) and n == len(self.default)):
+        if self.kind != 'float[]':
             return self.default
-        return (0.0 if isinstance(self.default, tuple) else float(self.default),) * n
+        if not isinstance(self.default, tuple):
+            return (float(self.default),) * n
+        return self.default if n == len(self.default) else (0.0,) * n
 
     def coerce(self, value: object, n: int = 0) -> Any:
         """
@@ -180,8 +182,9 @@ class Parameter:
         if not self.kind.endswith('[]'):
             return self._scalar(value, value)
         per_joint = self.kind == 'float[]' and self.shape in ('n', 'nn') and n > 0
-        if isinstance(value, (list, tuple, array)) or (
-                isinstance(value, np.ndarray) and value.ndim == 1):
+        if isinstance(value, np.ndarray) and value.ndim == 1:
+            value = tuple(value)
+        if isinstance(value, (list, tuple, array)):
             items = tuple(self._scalar(item, value) for item in value)
             return items * n if per_joint and len(items) == 1 else items
         if per_joint:
@@ -212,8 +215,8 @@ class Parameter:
     def check(self, value: Any, n: int) -> None:
         """Raise `ParameterError` unless `n` joints may have this value."""
         items = value if isinstance(value, tuple) else (value,)
-        sizes = {'n': (n,), 'nn': (n, n * n)}.get(self.shape, (len(items),))
-        if len(items) not in sizes:
+        sizes = {'n': [n], 'nn': [n, n * n]}.get(self.shape)
+        if sizes is not None and len(items) not in sizes:
             raise ParameterError(
                 self.name, value, f'{self.allowed} (n = {n}, got {len(items)} values)')
         full = self.shape == 'nn' and len(items) != n
@@ -228,8 +231,10 @@ class Parameter:
                 self.custom and OWN_CLASS.fullmatch(item) is not None)
         if self.kind not in _NUMBERS:
             return True
+        if self.infinite and item == math.inf:
+            return True
         low, high = self.bounds
-        return (-high if full else low) <= item <= high or (self.infinite and item == math.inf)
+        return bool((-high if full else low) <= item <= high)
 
 
 #: A number as people write it: mantissa, and sign and digits of the exponent.
@@ -255,7 +260,9 @@ def yaml_number(text: str) -> str:
 
 
 def _positive_definite(a: npt.NDArray[np.float64]) -> bool:
-    return np.allclose(a, a.T, rtol=1e-12, atol=0.0) and bool(np.linalg.eigvalsh(a).min() > 0.0)
+    if not np.allclose(a, a.T, rtol=1e-12, atol=0.0):
+        return False
+    return bool(np.linalg.eigvalsh(a).min() > 0.0)
 
 
 def matrix(values: tuple[float, ...], n: int) -> npt.NDArray[np.float64]:
@@ -301,7 +308,9 @@ class Config:
 
     def __init_subclass__(cls) -> None:
         """Collect the declarations, inherited ones first, and document them."""
-        specs = [spec for base in cls.__bases__[::-1] for spec in vars(base)['_declared'].values()]
+        specs: list[Parameter] = []
+        for base in cls.__bases__[::-1]:
+            specs += vars(base)['_declared'].values()
         for name, field in vars(cls).items():
             if isinstance(field, dataclasses.Field):
                 annotation = cls.__annotations__[name]

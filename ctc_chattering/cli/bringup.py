@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""`bringup`: start plant, controller and reference, record if asked, stop them all together."""
+"""
+`bringup`: start plant, controller and reference, record if asked, and stop them together.
+
+The command line becomes a checked `Setup`, which `launch.graph` runs.
+"""
 
 from __future__ import annotations
 
@@ -55,9 +59,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def bringup(arguments: Sequence[str]) -> int:
-    """Run the graph as the arguments, its own and those for ROS, say."""
-    own, ros = ros_arguments.parse(arguments)
-    options = make_parser().parse_args(own)
+    """Run the graph with arguments of the command and of ROS."""
+    for_program, ros = ros_arguments.parse(arguments)
+    options = make_parser().parse_args(for_program)
     from tqdm import tqdm
     if options.live:
         from ctc_chattering.live import require_viser
@@ -66,11 +70,11 @@ def bringup(arguments: Sequence[str]) -> int:
     with as_usage_error(ros.assigned):
         setup = load_setup(options, ros_arguments.bringup_values(ros))
     plant = setup.plant
-    with progress(f'experiment {plant.experiment}', plant.duration) as moved:
+    with progress(f'experiment {plant.experiment}', plant.duration) as show_time:
         try:
-            run_graph(setup, options.record, ['--ros-args', *ros.rest], moved, tqdm.write,
+            run_graph(setup, options.record, ['--ros-args', *ros.for_ros], show_time, tqdm.write,
                       options.live)
-            moved(plant.duration)
+            show_time(plant.duration)
         except Stopped as stopped:
             tqdm.write(f'bringup: {stopped}')
     return 0

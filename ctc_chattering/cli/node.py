@@ -13,10 +13,11 @@
 # limitations under the License.
 
 """
-The nodes' executables: signal handlers are set before anything else is imported.
+Executables of the nodes, and what `bringup` starts for each.
 
-Importing ROS takes a good part of a second, in which SIGINT would cause a traceback. Finalizing
-the interpreter takes as long, and is left out.
+Signal handlers are set before anything else is imported: importing ROS takes a good part of a
+second, in which SIGINT would cause a traceback. Finalizing the interpreter takes as long, and is
+left out.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def main(name: str, argv: Sequence[str] | None = None) -> int:
     name : str
         Name of its module in `ctc_chattering.nodes`.
     argv : sequence of str, optional
-        Arguments, with the program's name first; those of the process by default.
+        Arguments with the program's name first, by default those of the process.
 
     Returns
     -------
@@ -51,19 +52,18 @@ def main(name: str, argv: Sequence[str] | None = None) -> int:
         Exit status.
 
     """
-    for number in process.STOP:
-        process.take_signal(number, lambda *_: os._exit(0))  # No node is in the graph yet.
+    process.handle_stop(lambda *_: os._exit(0))  # The node is not in the graph yet.
     from ctc_chattering.cli.command_line import guarded
     return guarded(name, lambda: _run(name, list(sys.argv if argv is None else argv)[1:]))
 
 
 def _run(name: str, arguments: Sequence[str]) -> int:
-    """Run a node with its arguments, those for ROS and its own."""
+    """Run a node with its arguments and those for ROS."""
     from ctc_chattering.errors import as_usage_error
     from ctc_chattering.launch import child_process
     from ctc_chattering.ros import ros_arguments
-    own, ros = ros_arguments.parse(arguments)
-    parent = _make_parser(name).parse_args(own).parent
+    for_program, ros = ros_arguments.parse(arguments)
+    parent = _make_parser(name).parse_args(for_program).parent
     if parent is not None:
         child_process.end_with(parent)
     values = ros.values([name])[name]
@@ -76,7 +76,7 @@ def _run(name: str, arguments: Sequence[str]) -> int:
     def make_node() -> Any:
         with as_usage_error(ros.assigned):
             return getattr(module, f'{name.capitalize()}Node')(values)
-    return int(run(make_node, name, ['--ros-args', *ros.rest], process.collect_signals()))
+    return int(run(make_node, name, ['--ros-args', *ros.for_ros], process.collect_signals()))
 
 
 def _make_parser(name: str) -> argparse.ArgumentParser:
@@ -93,7 +93,7 @@ def _make_parser(name: str) -> argparse.ArgumentParser:
 
 
 def execute(name: str, argv: Sequence[str] | None = None) -> NoReturn:
-    """Run a node; end the process as soon as the node has left the graph."""
+    """Run a node, and end the process with it."""
     status = main(name, argv)
     gc.collect()  # The last reference to the node holds its DDS participant.
     sys.stdout.flush()
@@ -101,9 +101,11 @@ def execute(name: str, argv: Sequence[str] | None = None) -> NoReturn:
     os._exit(status)
 
 
-#: Entry points of the executables.
-plant, controller, reference, recorder = (
-    partial(execute, name) for name in ('plant', 'controller', 'reference', 'recorder'))
+# Entry points of the executables.
+plant = partial(execute, 'plant')
+controller = partial(execute, 'controller')
+reference = partial(execute, 'reference')
+recorder = partial(execute, 'recorder')
 
 if __name__ == '__main__':
     execute(sys.argv[1], sys.argv[1:])

@@ -201,8 +201,10 @@ def _make_motion(arm: HeldArm, center: Array, size: float) -> HoldingMotion:
     reference = ReferenceConfig.from_mapping({
         'joint_names': names, 'model': 'urdf', 'center': positions, 'amplitude': amplitudes,
         'frequency': frequencies, 'start_duration': START_S})
-    desired = make_motion(reference, None, {name: (x, 0.0) for name, x in zip(names, positions)})
-    points = [desired.at(t) for t in range(0, round(DURATION_S * NANOSECONDS), _STEP_NS)]
+    start = {name: (x, 0.0) for name, x in zip(names, positions)}
+    desired = make_motion(reference, None, start)
+    instants = range(0, round(DURATION_S * NANOSECONDS), _STEP_NS)
+    points = [desired.at(t) for t in instants]
     torques = np.abs([arm.model.inverse_dynamics(*point) for point in points])
     speeds = np.abs([dq for _, dq, _ in points])
     peaks = (torques + arm.coulomb + arm.viscous * speeds).max(axis=0)
@@ -251,14 +253,18 @@ def _posture_range(joint: JointLimits) -> tuple[float, float]:
 
 def _find_light_posture(model: Model, start: Array, low: Array, high: Array) -> Array:
     """Return a posture near `start` that weighs less."""
-    posture, share, step = start, _weight_share(model, start), _FIRST_STEP
-    moves = np.concatenate((np.eye(len(low)), -np.eye(len(low))))
+    posture = start
+    share = _weight_share(model, start)
+    step = _FIRST_STEP
+    axes = np.eye(len(low))
+    moves = np.concatenate((axes, -axes))
     while step >= _LAST_STEP and share > _LIGHT:
         candidates = np.clip(posture + step * moves, low, high)
         shares = [_weight_share(model, candidate) for candidate in candidates]
         lightest = int(np.argmin(shares))
         if shares[lightest] < share:
-            posture, share = candidates[lightest], shares[lightest]
+            posture = candidates[lightest]
+            share = shares[lightest]
         else:
             step *= 0.5
     return posture

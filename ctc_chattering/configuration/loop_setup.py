@@ -146,7 +146,9 @@ class Setup:
             with prefixed(f'{node}: '):
                 configs[node] = getattr(self, node).changed(changes)
         setup = dataclasses.replace(self, **configs)
-        if _STARTS & set(values.get('plant', ())) or set(values.get('reference', ())) - _TIMING:
+        start_changed = _STARTS & set(values.get('plant', ()))
+        motion_changed = set(values.get('reference', ())) - _TIMING
+        if start_changed or motion_changed:
             check_motion(setup)
         return setup
 

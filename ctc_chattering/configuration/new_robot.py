@@ -52,8 +52,8 @@ from ctc_chattering.control.recommended_gains import (
     recommended_gains,
     RECOMMENDED_LAW,
 )
-from ctc_chattering.dynamics.corrected_urdf import with_payload
 from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.payload import with_payload
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.serial_chain import chain_to, longest_chain
 from ctc_chattering.dynamics.urdf_model import UrdfModel
@@ -132,7 +132,7 @@ class NewRobot:
 
     @property
     def held(self) -> tuple[str, ...]:
-        """Other joints that could be joints of the model, and stand at 0."""
+        """Movable joints that are not controlled, at 0."""
         return tuple(name for name in self.tree.movable if name not in self.joints)
 
 
@@ -210,7 +210,7 @@ def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81, 
 
 
 def _choose_joints(tree: Tree, joints: Sequence[str], tip: str) -> tuple[str, ...]:
-    """Return the joints of the model; raise `CtcError` if they cannot be."""
+    """Return the joints of the model."""
     names = tuple(joints) or (chain_to(tree, tip) if tip else longest_chain(tree))
     if not names:
         raise CtcError('URDF: no joint moves a link with a mass' if tree.movable else
@@ -222,7 +222,7 @@ def _choose_joints(tree: Tree, joints: Sequence[str], tip: str) -> tuple[str, ..
 
 def _controller_values(config: ControllerConfig, knowledge: ArmKnowledge, ka: Array, torque: Array
                        ) -> Values:
-    """Return law and gains, with the facts from which they follow."""
+    """Return law and gains, with their facts."""
     facts: dict[str, Any] = {}
     if knowledge.resonance.source == Source.USER:
         facts['resonance'] = knowledge.resonance.value
@@ -242,20 +242,22 @@ def _controller_values(config: ControllerConfig, knowledge: ArmKnowledge, ka: Ar
 def _find_payload(text: str, names: tuple[str, ...], model: Model, gravity: float,
                   stated: float | None) -> tuple[Known, Array]:
     """
-    Return the largest unknown mass at the tip [kg], and its torque, shape (n,) [N·m].
+    Return the payload [kg] and its torque, shape (n,) [N·m].
 
-    Unless it is stated, it is what the effort limits allow beside the weight of the arm, and at
-    most a fraction of its mass.
+    It is the largest unknown mass at the tip. Unless it is stated, it is what the effort limits
+    allow beside the weight of the arm, and at most a fraction of its mass.
     """
     loaded = UrdfModel(with_payload(text, names, 1.0), names, gravity)
-    postures = np.random.default_rng(0).uniform(-np.pi, np.pi, (_PAYLOAD_POSTURES, model.n))
-    weight = np.array([model.gravity_torque(q) for q in postures.tolist()])
-    loaded_weight = np.array([loaded.gravity_torque(q) for q in postures.tolist()])
+    generator = np.random.default_rng(0)
+    postures = generator.uniform(-np.pi, np.pi, (_PAYLOAD_POSTURES, model.n)).tolist()
+    weight = np.array([model.gravity_torque(q) for q in postures])
+    loaded_weight = np.array([loaded.gravity_torque(q) for q in postures])
     torque_per_kg = np.abs(loaded_weight - weight).max(axis=0)
     if stated is not None:
         return Known(stated, Source.USER), stated * torque_per_kg
     mass = float(sum(model.inertial_parameters()[::10]))  # type: ignore[attr-defined]
-    room = np.maximum(np.array(model.effort_limits) - np.abs(weight).max(axis=0), 0.0)
+    effort = np.array(model.effort_limits)
+    room = np.maximum(effort - np.abs(weight).max(axis=0), 0.0)
     carried = np.min(room / np.maximum(torque_per_kg, 1e-9), initial=inf)
     payload = _shorten(min(float(carried), MOST_PAYLOAD * mass))
     return Known(payload, Source.ASSUMED), payload * torque_per_kg
@@ -268,7 +270,7 @@ def _shorten(value: float) -> float:
 
 def _find_friction(tree: Tree, limits: Sequence[JointLimits], model: Model, largest_torque: Array,
                    torque: Array) -> DescribedFriction:
-    """Return the friction of a URDF where its bodies fit it, else the assumed one."""
+    """Return the friction, which a URDF gives where it is plausible."""
     joints = [tree.joints[limit.name] for limit in limits]
     coulomb = np.array([joint.friction for joint in joints])
     viscous = np.array([joint.damping for joint in joints])
@@ -280,6 +282,10 @@ def _find_friction(tree: Tree, limits: Sequence[JointLimits], model: Model, larg
     coulomb[implausible] = viscous[implausible] = 0.0
     assumed = [_shorten(FRICTION * x) for x in torque]
     names = np.array([joint.name for joint in joints])
-    # Every joint has friction: 0 says that nobody knows it.
-    return DescribedFriction(np.where(coulomb > 0.0, coulomb, assumed), viscous, *(
-        tuple(names[mask].tolist()) for mask in (coulomb > 0.0, viscous > 0.0, implausible)))
+    described = coulomb > 0.0  # Every joint has friction: 0 says that nobody knows it.
+    return DescribedFriction(
+        np.where(described, coulomb, assumed),
+        viscous,
+        coulomb_described=tuple(names[described].tolist()),
+        viscous_described=tuple(names[viscous > 0.0].tolist()),
+        implausible=tuple(names[implausible].tolist()))

@@ -131,8 +131,11 @@ def find_file(location: str) -> Path:
         return Path(location)
     below = Path('share', *location.removeprefix(_SCHEME).split('/'))
     ament = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
-    bundles = (Path(entry, 'cmeel.prefix') for entry in filter(None, sys.path))
-    prefixes = [*map(Path, ament), Path(sys.prefix), *filter(Path.is_dir, bundles)]
+    prefixes = [*map(Path, ament), Path(sys.prefix)]
+    for entry in filter(None, sys.path):
+        bundle = Path(entry, 'cmeel.prefix')
+        if bundle.is_dir():
+            prefixes.append(bundle)
     for prefix in prefixes:
         if os.path.isfile(prefix / below):  # noqa: PTH113 - A path may be too long for a system.
             return prefix / below

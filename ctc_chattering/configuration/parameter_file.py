@@ -25,7 +25,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from math import inf
-from operator import itemgetter
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +59,7 @@ FROM_FILE = 'file'
 #: Choice of the recommended gains for a law.
 RECOMMENDED = 'recommended'
 #: Duration of the smooth start that goes with recommended gains [s].
-_START = 2.0
+_START_DURATION = 2.0
 
 
 def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
@@ -81,10 +81,11 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
 
     """
     sections = read(path) if path else {}
+    allowed = (*NODES, EVERY_NODE)
     for name in (*sections, *(overrides or {})):
-        if name not in (*NODES, EVERY_NODE):
-            raise CtcError(f'{path if name in sections else "overrides"}: no node is called '
-                           f'{name}; allowed: {", ".join((*NODES, EVERY_NODE))}'
+        if name not in allowed:
+            source = path if name in sections else 'overrides'
+            raise CtcError(f'{source}: no node is called {name}; allowed: {", ".join(allowed)}'
                            + suggest(name, NODES))
     values = {node: node_values(sections, node, str(path))
               | node_values(overrides or {}, node, 'overrides') for node in NODES}
@@ -143,7 +144,7 @@ def dump(values: Mapping[str, Values], path: Path) -> None:
 
 
 def to_text(values: Mapping[str, Values]) -> str:
-    """Return the text of a parameter file with values by node."""
+    """Return the text of a parameter file."""
     sections = {}
     for node, parameters in values.items():
         sections[node] = {'ros__parameters': {
@@ -172,7 +173,7 @@ def read(path: Path) -> dict[str, Values]:
 
 
 def full_sections(path: Path) -> dict[str, Values]:
-    """Return the parameters of a file by full name of a node."""
+    """Return the parameters by full name of a node."""
     tree = yaml_file.read_yaml(path, yaml_file.FileKind.PARAMETERS)
     if not isinstance(tree, dict):
         raise CtcError(f'{path}: not a parameter file; it needs node names at the top')
@@ -191,7 +192,7 @@ def full_sections(path: Path) -> dict[str, Values]:
 
 
 def _flatten(values: Mapping[Any, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
-    """Yield names and values, with a dot in a name for each nesting."""
+    """Yield names, dotted if nested, and values."""
     for key, value in values.items():
         if isinstance(value, dict):
             yield from _flatten(value, f'{prefix}{key}.')
@@ -201,7 +202,7 @@ def _flatten(values: Mapping[Any, Any], prefix: str = '') -> Iterator[tuple[str,
 
 def node_values(sections: Overrides, node: str, source: str) -> Values:
     """
-    Return a node's values from the sections of a file.
+    Return a node's values from sections.
 
     Raises
     ------
@@ -225,18 +226,19 @@ def node_values(sections: Overrides, node: str, source: str) -> Values:
 def parse_events(lines: Sequence[str], configs: Mapping[str, Any],
                  torque: Callable[[], Array | None] = no_torque) -> tuple[Event, ...]:
     """
-    Return the events that `lines` describe, each "time node parameter value".
+    Return the events of lines.
 
-    Where no line has gains, a law comes with those that `GainChoice` decides.
+    Each line has "time node parameter value". Where no line has gains, a law comes with those that
+    `GainChoice` decides.
 
     Parameters
     ----------
     lines : sequence of str
-        The value is YAML; empty lines are ignored.
+        The value is YAML. Empty lines are ignored.
     configs : mapping
         Configuration of each node that can have events, at the start of the run.
     torque : callable, optional
-        Returns `model_torque` of the controller; None while it is not known.
+        Returns `model_torque` of the controller. None while it is not known.
 
     Raises
     ------
@@ -245,39 +247,49 @@ def parse_events(lines: Sequence[str], configs: Mapping[str, Any],
         or a value that is not allowed.
 
     """
-    parsed: list[tuple[float, str, str, Any]] = []
-    for line in filter(None, lines):
-        try:
-            time, node, name, text = line.split(None, 3)
-            if not (0.0 <= float(time) < inf and node in configs):
-                raise ValueError
-            parsed.append((float(time), node, name, yaml_file.parse_value(text)))
-        except (ValueError, CtcError):
-            raise ParameterError('events', line, '"time node parameter value", a time >= 0, '
-                                 f'node {" | ".join(configs)}, a value in YAML') from None
-        spec = configs[node].parameters().get(name)
-        if spec is not None and spec.read_only:
-            raise ParameterError('events', name, 'a parameter that can change during the run')
-    parsed.sort(key=itemgetter(0))
+    requests = [_parse_event(line, configs) for line in filter(None, lines)]
+    requests.sort(key=attrgetter('time'))
+    has_gains = any(name in GAINS for request in requests for name in request.values)
     current, choice = dict(configs), GainChoice(torque)
-    without_gains = not any(name in GAINS for _, _, name, _ in parsed)
     events = []
-    for at, node, name, value in parsed:
-        before, values = current[node], {name: value}
-        if name == 'law':
-            taken = choice.of_law(before.changed(values).law, before)
-            values |= taken if without_gains else {x: before.as_mapping()[x] for x in taken}
-        current[node] = before.changed(values)
+    for request in requests:
+        node, values = request.node, request.values
+        config = current[node]
+        if 'law' in values:
+            gains = choice.of_law(config.changed(values).law, config)
+            if has_gains:
+                gains = {name: config.as_mapping()[name] for name in gains}
+            values = {**values, **gains}
+        current[node] = config.changed(values)
         if node == 'controller':
-            check_change(before, current[node])
-        events.append(Event(at, node, {x: current[node].as_mapping()[x] for x in values}))
+            check_change(config, current[node])
+        changed = current[node].as_mapping()
+        events.append(Event(request.time, node, {name: changed[name] for name in values}))
     return tuple(events)
+
+
+def _parse_event(line: str, configs: Mapping[str, Any]) -> Event:
+    """Return the event of a line, with a value not yet checked."""
+    try:
+        time, node, name, text = line.split(None, 3)
+        if not (0.0 <= float(time) < inf and node in configs):
+            raise ValueError
+        value = yaml_file.parse_value(text)
+    except (ValueError, CtcError):
+        raise ParameterError('events', line, '"time node parameter value", a time >= 0, '
+                             f'node {" | ".join(configs)}, a value in YAML') from None
+    spec = configs[node].parameters().get(name)
+    if spec is not None and spec.read_only:
+        raise ParameterError('events', name, 'a parameter that can change during the run')
+    return Event(float(time), node, {name: value})
 
 
 def with_gains(path: Path | None, overrides: Overrides, gains: str | None = None
                ) -> tuple[dict[str, dict[str, Any]], str]:
     """
-    Return overrides with the gains that their law takes where they have none.
+    Return overrides with gains for their law.
+
+    Gains are added where a law is chosen without any.
 
     Parameters
     ----------
@@ -286,15 +298,15 @@ def with_gains(path: Path | None, overrides: Overrides, gains: str | None = None
     overrides : mapping
         Values by node and parameter.
     gains : {'file', 'recommended'}, optional
-        Whose gains are taken; where left out, what `GainChoice` decides for a law that file or
-        overrides choose without gains.
+        Gains that are taken. By default `GainChoice` decides for a law that file or overrides
+        choose without gains.
 
     Returns
     -------
     overrides : dict
         With gains, and a smooth start where they are recommended ones.
     line : str
-        What was added, for the user; empty for nothing.
+        Text for the user about gains that were added, if any.
 
     Raises
     ------
@@ -304,27 +316,32 @@ def with_gains(path: Path | None, overrides: Overrides, gains: str | None = None
         As `load` does.
 
     """
-    found = {node: dict(values) for node, values in overrides.items()}
-    given = node_values(found, 'controller', 'overrides')
+    result = {node: dict(values) for node, values in overrides.items()}
+    stated = node_values(result, 'controller', 'overrides')
     in_file = node_values(read(path) if path else {}, 'controller', str(path))
-    of_file, own = _separate_gains(in_file), _separate_gains({**in_file, **given})
-    suit = own == of_file and not (own and in_file.keys().isdisjoint(GAINS))
-    if gains == FROM_FILE or (gains is None and (suit or not given.keys().isdisjoint(GAINS))):
-        return found, ''
-    setup = load(path, found)
+    file_gains = _separate_gains(in_file)
+    law_gains = _separate_gains({**in_file, **stated})
+    file_suits = law_gains == file_gains
+    if law_gains and in_file.keys().isdisjoint(GAINS):
+        file_suits = False
+    has_gains = file_suits or not stated.keys().isdisjoint(GAINS)
+    if gains == FROM_FILE or (gains is None and has_gains):
+        return result, ''
+    setup = load(path, result)
     law = setup.controller.law
-    if gains is not None and not own:
+    if gains is not None and not law_gains:
         raise UsageError(f'--gains {gains}: only --law {RECOMMENDED_LAW} has recommended gains, '
                          f'not {law}')
     choice = GainChoice(partial(known_model_torque, setup.controller, setup.descriptions))
-    taken = choice.suitable(law, setup.controller)
-    found['controller'] = taken | given
-    if own:
-        found.setdefault('reference', {}).setdefault(
-            'start_duration', max(setup.reference.start_duration, _START))
-    gained = ', '.join(f'{name} {x}' for name, x in taken.items() if name not in given)
-    return found, (f'law {law} takes recommended gains{" and a smooth start" if own else ""}: '
-                   f'{gained}; --gains file takes those of the file')
+    chosen = choice.suitable(law, setup.controller)
+    result['controller'] = chosen | stated
+    if law_gains:
+        result.setdefault('reference', {}).setdefault(
+            'start_duration', max(setup.reference.start_duration, _START_DURATION))
+    added = ', '.join(f'{name} {x}' for name, x in chosen.items() if name not in stated)
+    start = ' and a smooth start' if law_gains else ''
+    return result, (f'law {law} takes recommended gains{start}: {added}; --gains file takes '
+                    'those of the file')
 
 
 def _separate_gains(values: Mapping[str, object]) -> str:

@@ -111,8 +111,10 @@ def detect_kind(tree: object) -> FileKind | None:
         return None
     if any(isinstance(value, dict) and 'ros__parameters' in value for value in tree.values()):
         return FileKind.PARAMETERS
-    kinds = (kind for kind, keys in _KEYS.items() if not tree.keys().isdisjoint(keys))
-    return next(kinds, None)
+    for file_kind, keys in _KEYS.items():
+        if not tree.keys().isdisjoint(keys):
+            return file_kind
+    return None
 
 
 def read_yaml(path: Path, *expected: FileKind) -> object:
@@ -140,9 +142,10 @@ def read_yaml(path: Path, *expected: FileKind) -> object:
         json.dumps(tree, default=str, skipkeys=True)  # Refuses a value that contains itself.
     except (yaml.YAMLError, ValueError) as error:
         raise CtcError(f'{path}: not a YAML file: {" ".join(str(error).split())}') from None
-    kind = detect_kind(tree)
-    if expected and kind and kind not in expected:
-        raise CtcError(f'{path}: this is {kind.value}, not {expected[0].value}; {_USE[kind]}')
+    actual = detect_kind(tree)
+    if expected and actual and actual not in expected:
+        raise CtcError(
+            f'{path}: this is {actual.value}, not {expected[0].value}; {_USE[actual]}')
     return tree
 
 

@@ -104,7 +104,7 @@ class CompiledStep(Program):
         self._output_rows = np.frombuffer(result, float, 8 * n).reshape(8, n)
         self.records = ControlRecords(
             packed(settings), packed(law), packed(memories), packed(REGULAR), *self.arm.model,
-            *(self.arm.place() for _ in range(3)),  # type: ignore[call-arg]
+            *(self.arm.add_terms() for _ in range(3)),  # type: ignore[call-arg]
             transit, np.zeros((2, n)), result)
         super().__init__(self.arm.codes, run_step, (self.records, self.points),
                          f'control-{type(law).__name__}-{n}'.lower())

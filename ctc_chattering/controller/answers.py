@@ -55,7 +55,7 @@ class Answered(NamedTuple):
 
 
 def shortfall(answered: Answered, least_share: float, min_states: int) -> str:
-    """Return a reason if the share in time is too small, '' if not."""
+    """Return a reason if too few were in time, or ''."""
     states, in_time = answered
     if states < min_states or in_time >= least_share * states:
         return ''
@@ -111,5 +111,5 @@ class AnsweredStates:
 
     @property
     def complete(self) -> bool:
-        """True once there are enough states to judge."""
+        """Return whether there are enough states to judge."""
         return self.total.states >= self.window

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The reference of a controller, and the way back to it.
+The reference, and the way back to it.
 
 The control loop adds the chunks of the reference as they come, and asks for the points of each
 sample.
@@ -34,7 +34,7 @@ PAUSE = NANOSECONDS // 10
 
 class DesiredMotion(Trajectory):
     """
-    The reference at the instants of a law, led back to after a pause.
+    The reference at the instants of a law.
 
     After an outage of states, a restart of the robot's driver, or while the controller was
     disabled, the reference has moved on, and the error would be a step. The desired motion then
@@ -69,7 +69,7 @@ class DesiredMotion(Trajectory):
         self.way_back: Transition | None = None
 
     def pass_over(self, t: int, driven: bool) -> None:
-        """Forget points before `t` [ns]; torques may be sent there if `driven`."""
+        """Forget points before `t` [ns], where torques may be `driven`."""
         self.forget(t)
         if not driven and self._driven is None:
             self._driven = t
@@ -103,10 +103,9 @@ class DesiredMotion(Trajectory):
 
         """
         points = [self.at(t + lag) for lag in self._lags]
-        end = self.end
-        if end is None or points[0] is None:
+        if points[0] is None:
             return None
-        if wait and t + self._lags[-1] > end and not self.ends_at_rest:
+        if wait and t + self._lags[-1] > self._times[-1] and not self.ends_at_rest:
             return None
         if self.resumes(t) and self.restart_duration > 0.0:
             at_rest = (0.0,) * len(q)

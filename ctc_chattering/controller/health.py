@@ -62,7 +62,7 @@ class FaultKind(NamedTuple):
 
 
 class FaultCount(NamedTuple):
-    """Faults so far, and their base: messages so far, or time [s]."""
+    """Faults so far, and messages or time [s] so far."""
 
     faults: int
     total: float

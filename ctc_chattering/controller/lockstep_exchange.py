@@ -30,7 +30,7 @@ _REPEAT_PERIOD_NS = NANOSECONDS // 5
 
 class LockstepExchange:
     """
-    Tells the answer to a state from surplus answers to the one before.
+    Recognises surplus answers to the state before.
 
     Parameters
     ----------

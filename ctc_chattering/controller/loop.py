@@ -144,7 +144,7 @@ class ControlLoop:
 
     @property
     def law(self) -> Controller | None:
-        """The law, once the model is known."""
+        """Return the law, once the model is known."""
         return self._law
 
     @law.setter
@@ -154,7 +154,7 @@ class ControlLoop:
 
     def take_reference(self, times: Sequence[int], points: Sequence[Point]) -> None:
         """
-        Add a chunk of the reference; an empty one stops the motion.
+        Add a chunk of the reference, or stop the motion.
 
         Parameters
         ----------
@@ -193,7 +193,7 @@ class ControlLoop:
     def take_state(self, state: JointSample, now: int, simulated: bool,
                    unanswered: int = 0) -> bool:
         """
-        Take the next joint state, and return whether time begins with it.
+        Take a joint state, and return whether time begins.
 
         Parameters
         ----------
@@ -249,7 +249,7 @@ class ControlLoop:
         raise RejectedMessage(verdict, reason)
 
     def _check_position(self, state: JointSample) -> None:
-        """Refuse a position that jumps, and trip if it stays there."""
+        """Refuse a jump, and trip if it stays."""
         last = self._positions.last
         if last is None or not (self.mode.sends_torque or self.mode is Mode.NO_STATE):
             return
@@ -272,7 +272,7 @@ class ControlLoop:
 
     def answer(self, matched: bool, now: int = 0) -> Answer | None:
         """
-        Answer the pending state by a torque, if one may be sent.
+        Answer the pending state if a torque may be sent.
 
         Parameters
         ----------
@@ -328,7 +328,7 @@ class ControlLoop:
 
     def _anchor_turns(self, law: Controller, instant: int, state: JointSample) -> JointSample:
         """
-        Return the pending state with the turns nearest to the reference.
+        Return the state with the turns of the reference.
 
         It keeps them until the law begins again. After a pause without a torque the
         joints may have been turned, so that the law begins again if the turns are other ones.
@@ -352,7 +352,7 @@ class ControlLoop:
             raise RejectedMessage('overflow', str(error)) from None
 
     def _send_checked(self, law: Controller, sample: Sample) -> bool:
-        """Send the torque of a sample unless it trips, and return whether it did."""
+        """Send a torque unless it trips, and return whether."""
         if reason := self._trips.check(law, sample):
             self._trip(reason)
             return False
@@ -374,7 +374,7 @@ class ControlLoop:
 
     @property
     def rehearses(self) -> bool:
-        """True while the loop is measured, or before."""
+        """Return whether the loop is or will be measured."""
         return bool(self.rehearsal and self.least_answered and not self.simulated)
 
     def rehearse(self, now: int) -> bool:
@@ -399,14 +399,14 @@ class ControlLoop:
         return False
 
     def _trip_if_slow(self, answered: Answered, min_states: int) -> bool:
-        """Trip where too few states were answered in time, and return whether."""
+        """Trip if too few states were answered, and return whether."""
         reason = shortfall(answered, self.least_answered, min_states)
         if reason:
             self._trip(reason)
         return bool(reason)
 
     def note_answer(self, end: int) -> None:
-        """Count the last state in real time, answered at `end` [ns]."""
+        """Count the last state as answered at `end` [ns]."""
         if self.last is None or self.simulated:
             return
         in_time = end - self._stamps.arrival(self.last.t) <= self.period
@@ -415,7 +415,7 @@ class ControlLoop:
             self.rehearsal.answer(in_time)
 
     def _count_missed(self, unanswered: int) -> None:
-        """Count new states that should have an answer and have none."""
+        """Count new states that lack an answer."""
         missed, self._unanswered = unanswered - self._unanswered, unanswered
         if missed <= 0 or self.simulated:
             return
@@ -427,7 +427,7 @@ class ControlLoop:
     @property
     def _steps_are_slow(self) -> bool:
         """
-        True if steps take too long to make good periods without a state.
+        Return whether steps are too slow for lost states.
 
         The law then goes on by one period a state.
         """
@@ -435,7 +435,7 @@ class ControlLoop:
 
     def due(self) -> int | None:
         """
-        Return the time of the torque for a predicted state, if one is due.
+        Return when a predicted state is answered, if at all.
 
         Only in real time, and on the clock of `take_state` [ns].
         """
@@ -447,7 +447,7 @@ class ControlLoop:
 
     def predict(self, now: int) -> None:
         """
-        Answer the predicted state of the period at `now`, as `due`.
+        Answer the predicted state at `now`, as `due`.
 
         After `state_timeout` no torque is sent, however late this is called.
 
@@ -474,7 +474,7 @@ class ControlLoop:
         return not self.simulated and self.watchdog.silence(now) > self.watchdog.timeout
 
     def check_silence(self, now: int) -> None:
-        """End the torques in real time if no state has come."""
+        """End the torques if no state has come."""
         if self.watchdog.check(now):
             self._pending = None
             self.handle(Input.SILENCE)
@@ -488,7 +488,7 @@ class ControlLoop:
         self._log.error(f'{reason}; no torque until ~/reset')
 
     def request(self, event: Input) -> bool:
-        """Handle a user's request, and return whether that was a change."""
+        """Handle a request, and return whether anything changed."""
         if changed := self.handle(event):
             self._log.info(f'{event.value}, by a service')
             if event is not Input.DISABLE:
@@ -502,7 +502,7 @@ class ControlLoop:
             self._trips.restart()
 
     def handle(self, event: Input) -> bool:
-        """Handle an input, and return whether it led to another mode."""
+        """Handle an input, and return whether the mode changed."""
         previous = self.mode
         mode = previous.after(event)
         if mode is previous:
@@ -514,7 +514,7 @@ class ControlLoop:
         return True
 
     def end_torque(self) -> None:
-        """End the torques, in real time by one of 0, which drives hold."""
+        """End the torques, in real time by a last 0."""
         if self._held is not None and not self.simulated:
             self._send((0.0,) * len(self._names))
         self._held = None

@@ -83,7 +83,7 @@ class LoopStatistics:
 
     def too_slow(self, period: int) -> str:
         """
-        Return a line if samples take too long, '' if not.
+        Return a line if samples take too long.
 
         They do if half of them take more than `_MAX_COMPUTING_SHARE` of the period [ns]. A few
         slow ones make no loop late.

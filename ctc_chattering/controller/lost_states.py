@@ -46,7 +46,7 @@ class LostStates:
 
     def due(self, arrival: int, predicted: int, timeout: int) -> int | None:
         """
-        Return the time of the next torque, if one is due [ns].
+        Return the time of the next torque [ns], if any.
 
         That is a quarter of a period after the next state should have come.
 

@@ -81,7 +81,7 @@ class Jump(NamedTuple):
 
     @property
     def is_whole_turns(self) -> bool:
-        """True for whole turns, as of a driver within one turn."""
+        """Return whether it is whole turns, as of some drivers."""
         distance = self.position - self.last_position
         turns = round(distance / TURN)
         return turns != 0 and isclose(distance, TURN * turns, abs_tol=LIMITS.like_a_turn)
@@ -149,7 +149,7 @@ class PositionTracker:
         self._refused, self._agreeing = None, 0
 
     def agrees(self, state: JointSample) -> bool:
-        """Note a refused state, and return whether enough of them agree."""
+        """Note a refused state, and return whether enough agree."""
         last, self._refused = self._refused, state
         follows = last is not None and find_jump(last, self._follow(last, state)) is None
         self._agreeing = self._agreeing + 1 if follows else 1
@@ -157,7 +157,7 @@ class PositionTracker:
 
     def anchor(self, state: JointSample, target: Vector) -> JointSample:
         """
-        Take and return a state with the turns nearest to the reference.
+        Return the state with the turns nearest to the reference.
 
         Parameters
         ----------

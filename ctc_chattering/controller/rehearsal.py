@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-A rehearsal of the loop: the rate that this computer keeps.
+A rehearsal of the loop, for this computer's rate.
 
 In real time, before the first torque, the law computes torques for the states of about a second,
 and none is sent. `ControlLoop.rehearse` runs it, and the first torque waits for its end.
@@ -75,7 +75,7 @@ class Rehearsal:
         return complete or now - self._begin >= _MAX_DURATION_NS
 
     def step(self, state: JointSample) -> bool:
-        """Compute the torque at rest of a state, and return whether it is new."""
+        """Compute a state's torque, and return whether it is new."""
         if state.t == self._last_stamp:
             return False
         if self._first_stamp is None or self._last_stamp is None:
@@ -99,7 +99,7 @@ class Rehearsal:
         self.total = Answered(self.total.states + 1, self.total.in_time + in_time)
 
     def report(self, logger: Logger) -> None:
-        """Log the rate, as a warning if it is too low."""
+        """Log the rate, or warn of it."""
         if self._first_stamp is None or self._last_stamp is None or self._answers < 2:
             return
         states, in_time = self.total

@@ -105,7 +105,7 @@ class Stamps:
         return BACKWARD if step < 0 else JUMP
 
     def arrival(self, t: int) -> int:
-        """Return the earliest arrival of a state of stamp `t` [ns]."""
+        """Return the earliest arrival of a state `t` [ns]."""
         return t + self._shortest_delay
 
     def _take(self, t: int, now: int, shortest_delay: int, verdict: str) -> str:

@@ -26,11 +26,9 @@ from ctc_chattering.numerics.time_grid import seconds
 
 
 def loop_status(loop: ControlLoop, now: int, rejected: Mapping[str, int], skipped: int,
-                cause: str = '') -> tuple[int, str]:
+                cause: str = '') -> Problem:
     """
-    Return level and text of the mode and its problems.
-
-    The level is 0 if all is well, 1 for a warning, and 2 for an error.
+    Return the mode and its problems, with level 0 if all is well.
 
     Parameters
     ----------
@@ -40,23 +38,6 @@ def loop_status(loop: ControlLoop, now: int, rejected: Mapping[str, int], skippe
         As `ControllerHealth.report` takes them.
 
     """
-    mode = loop.mode
-    problems = _problems(loop, now, rejected, skipped, cause)
-    if mode in (Mode.TRIPPED, Mode.TRIPPED_AND_DISABLED):
-        return 2, f'tripped: {loop.tripped}; call ~/reset'
-    if mode is Mode.NO_STATE:
-        return 2, f'no state for {seconds(loop.watchdog.silence(now)):.1f} s'
-    if mode is Mode.HOLDING:
-        return 2, f'no reference for {seconds(loop.motion.grace):g} s; holding the position'
-    if not mode.sends_torque or not problems:
-        return int(not mode.sends_torque), mode.text
-    level = max(problem.level for problem in problems)
-    return level, f'running, but {"; ".join(problem.text for problem in problems)}'
-
-
-def _problems(loop: ControlLoop, now: int, rejected: Mapping[str, int], skipped: int,
-              cause: str) -> list[Problem]:
-    """Return all that is wrong while torques are sent."""
     problems: list[Problem] = []
     if loop.last is not None:
         problems += loop.health.report(
@@ -66,4 +47,15 @@ def _problems(loop: ControlLoop, now: int, rejected: Mapping[str, int], skipped:
         problems += loop.health.saturation(config)
         problems += [Problem(1, text) for text in (
             *low_bandwidth(loop.law), *unsafe_settings(config))]
-    return problems
+    mode = loop.mode
+    if mode in (Mode.TRIPPED, Mode.TRIPPED_AND_DISABLED):
+        return Problem(2, f'tripped: {loop.tripped}; call ~/reset')
+    if mode is Mode.NO_STATE:
+        return Problem(2, f'no state for {seconds(loop.watchdog.silence(now)):.1f} s')
+    if mode is Mode.HOLDING:
+        return Problem(
+            2, f'no reference for {seconds(loop.motion.grace):g} s; holding the position')
+    if not mode.sends_torque or not problems:
+        return Problem(int(not mode.sends_torque), mode.text)
+    level = max(problem.level for problem in problems)
+    return Problem(level, f'running, but {"; ".join(problem.text for problem in problems)}')

@@ -64,7 +64,7 @@ class Saturation(NamedTuple):
 
     @property
     def cause(self) -> str:
-        """Likely cause, and empty where the term is rarely at its bound."""
+        """Likely cause, or '' if it is rarely saturated."""
         if self.fraction <= MIN_REPORTED_SHARE:
             return ''
         return ('ka too small' if self.stretch >= LONG_STRETCH

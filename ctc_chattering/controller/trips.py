@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Trips, which end the torques, and unsafe settings of a law.
+Trips that end the torques, and unsafe settings.
 
 The control loop passes each sample to a `TripMonitor` before its torque is sent. A law that
 observes the perturbation removes an error, whatever the robot started with. If the error of a
@@ -86,7 +86,7 @@ _CYCLE_CAUSES = ('the joints are elastic, or an inertia is far from that of the 
 
 def joint_beyond(e: Vector, limit: Vector) -> int | None:
     """
-    Return the first joint whose error exceeds its limit, if any.
+    Return the first joint beyond its limit, if any.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def low_bandwidth(law: Controller) -> list[str]:
 
 
 def unsafe_settings(config: ControllerConfig) -> Iterator[str]:
-    """Yield a line for each condition of this module that `config` meets."""
+    """Yield a line for each unsafe setting."""
     law = law_class(config.law)
     for name, ki, bound in zip(config.joint_names, config.ki, law.largest_ki(config)):
         if ki >= bound:
@@ -217,7 +217,7 @@ def check_change(present: ControllerConfig, candidate: ControllerConfig) -> None
 
 def missing_limits(config: ControllerConfig, of_model: Vector) -> str:
     """
-    Return a warning that names the joints without a torque limit.
+    Return a warning of joints without a torque limit.
 
     It is '' if all have one.
 

@@ -75,7 +75,7 @@ class Watchdog:
         self.out = False
 
     def feed(self, now: int, begun: bool = True) -> None:
-        """Note a message at `now` [ns], and report an end of an outage once `begun`."""
+        """Note a message at `now` [ns], and report an outage's end once `begun`."""
         silence, self._last = now - self._last, now
         if self.out and begun:
             self._log.warning(f'{self._name}: {self._noun}s again, after {seconds(silence):.3f} s;'
@@ -87,7 +87,7 @@ class Watchdog:
         return now - self._last
 
     def check(self, now: int) -> bool:
-        """Return whether an outage begins at `now`, and report one that lasts."""
+        """Return whether an outage begins at `now`, or report one."""
         silence = self.silence(now)
         begins = silence > self.timeout and not self.out
         self.out |= begins

@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Child processes: starting, watching and stopping them."""
+"""
+Child processes of `bringup` and `ctc live`: start, watch, stop.
+
+`node_command` is the command of a child. In the child, `end_with` and `await_start` tie it to its
+parent.
+"""
 
 from __future__ import annotations
 
@@ -35,17 +40,17 @@ _RUN = ('import sys; sys.path[:] = filter(None, sys.path); import runpy; '
 
 
 def node_command(name: str, *arguments: str, program: str = 'node') -> list[str]:
-    """Return the command that runs a node, or `ctc` NAME; it ends when this process has ended."""
+    """Return the command of a child that runs a node or `ctc`."""
     return [sys.executable, '-c', _RUN, f'ctc_chattering.cli.{program}', name, '--parent',
             str(os.getpid()), *arguments]
 
 
 def end_with(parent: int) -> None:
     """
-    Have this process end by SIGTERM when its parent has.
+    End this process by SIGTERM when its parent has ended.
 
-    The process asks for it itself: between fork and exec, in a parent with threads, Python code
-    may wait for ever for what one of them held.
+    The child asks for that itself. Between fork and exec Python code of a parent with threads may
+    wait for ever, for a lock that one of them held.
     """
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGTERM))
     if os.getppid() != parent:
@@ -53,14 +58,14 @@ def end_with(parent: int) -> None:
 
 
 def await_start() -> None:
-    """Wait until the parent closes the pipe that it has given as standard input, if it has."""
+    """Wait until the parent closes a piped standard input."""
     while os.read(0, 1):
         pass
 
 
 class Child:
     """
-    A process whose output is read as it comes.
+    Process whose output is read as it comes.
 
     Parameters
     ----------
@@ -69,17 +74,18 @@ class Child:
     show : callable
         Called with every line it prints.
     processors : set of int, optional
-        The only ones it may run on.
+        Processors that it may run on, by default all.
     start : int
-        File from which `await_start` reads there.
+        File that is its standard input, from which `await_start` reads.
 
     """
 
     def __init__(self, name: str, argv: Sequence[str], show: Callable[[str], None],
                  processors: Set[int] | None = None, start: int = subprocess.DEVNULL) -> None:
         self.name = name
-        self.tail: deque[str] = deque(maxlen=20)  # Of its output, for the exit report.
-        # glibc returns freed memory from this size on [bytes]; a burst does not raise it.
+        #: Last lines of its output, for the exit report.
+        self.tail: deque[str] = deque(maxlen=20)
+        # glibc returns freed memory from this size on [bytes], which bursts do not raise.
         self.process = subprocess.Popen(
             argv, stdin=start, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             text=True, errors='replace', start_new_session=True,
@@ -91,46 +97,35 @@ class Child:
 
     def _read(self, show: Callable[[str], None]) -> None:
         assert self.process.stdout is not None
-        with self.process.stdout as lines:
-            for line in lines:
-                self.tail.append(line.rstrip())
-                show(f'[{self.name}] {line.rstrip()}')
+        with self.process.stdout as output:
+            for line in map(str.rstrip, output):
+                self.tail.append(line)
+                show(f'[{self.name}] {line}')
 
     @property
     def status(self) -> int | None:
-        """Exit status, negative for a signal; None while it runs."""
+        """Exit status, negative for a signal, None while it runs."""
         return self.process.poll()
 
     def exit_report(self) -> str:
-        """Return how it ended, with its last output."""
+        """Return its status or signal, with its last output."""
         self._reader.join(1.0)
-        status = self.status
-        how = f'status {status}'
-        if status is not None and status < 0:
-            how = f'signal {signal.Signals(-status).name}'
-        last = '\n'.join(f'    {line}' for line in self.tail) or '    (it printed nothing)'
-        return f'{self.name} ended with {how}; its last output:\n{last}'
-
-    def signal(self, number: int) -> None:
-        """Send a signal if it still runs."""
-        self.process.send_signal(number)
+        end = f'status {self.status}'
+        if (self.status or 0) < 0:
+            end = f'signal {signal.Signals(-self.process.returncode).name}'
+        output = '\n'.join(f'    {line}' for line in self.tail or ['(it printed nothing)'])
+        return f'{self.name} ended with {end}; its last output:\n{output}'
 
 
 def stop(children: Sequence[Child], patience: float = 5.0) -> None:
     """
-    End processes: SIGINT, after `patience` [s] SIGTERM, and after as long again SIGKILL.
+    End processes by SIGINT, then SIGTERM, then SIGKILL.
 
-    Parameters
-    ----------
-    children : sequence of Child
-        Any that have ended already are passed over.
-    patience : float
-        [s].
-
+    The next signal is sent after `patience` [s]. Processes that have ended are passed over.
     """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
         for child in children:
-            child.signal(number)
+            child.process.send_signal(number)
         deadline = time.monotonic() + patience
         for child in children:
             with suppress(subprocess.TimeoutExpired):

@@ -12,37 +12,49 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Running the whole graph once: start the processes, watch them, stop them."""
+"""
+Run of the whole graph by `bringup`.
+
+It starts the processes, watches them, and stops them.
+
+The parameters come from a checked `Setup`, written as a parameter file for the nodes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, ExitStack
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 import os
 from pathlib import Path
 import random
 import signal
 import sys
 import tempfile
-from typing import Any, BinaryIO
+from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.node_parameters import LOOP
 from ctc_chattering.errors import CtcError
-from ctc_chattering.launch import child_process
+from ctc_chattering.launch.child_process import Child, node_command, stop
 from ctc_chattering.ros.process import check_security, stop_signals, use_profile
+
+if TYPE_CHECKING:
+    from ctc_chattering.launch.requests import ParameterEventScheduler
+
+#: Time that the recorder and other nodes have to end after the loop [s].
+_LAST_PATIENCE_S = 20.0
 
 
 class Stopped(CtcError):
-    """The run was stopped by SIGINT or SIGTERM."""
+    """End of a run by SIGINT or SIGTERM."""
 
 
 def run_graph(setup: Setup, record: Path | None = None, ros_args: Sequence[str] = (),
               progress: Callable[[float], object] = lambda _: None,
               show: Callable[[str], None] = print, live: bool = False) -> None:
     """
-    Run the graph until the plant ends the experiment, and leave no process behind.
+    Run the graph, and leave no process behind.
 
     Parameters
     ----------
@@ -57,7 +69,7 @@ def run_graph(setup: Setup, record: Path | None = None, ros_args: Sequence[str] 
     show : callable
         Called with every line that a process prints.
     live : bool
-        Whether a page in the browser shows the graph; its end is not the graph's.
+        Whether a page in the browser shows the graph. The graph goes on without it.
 
     Raises
     ------
@@ -73,66 +85,57 @@ def run_graph(setup: Setup, record: Path | None = None, ros_args: Sequence[str] 
     use_profile()
     from ctc_chattering.launch.requests import graph_monitor
     lockstep = setup.plant.pacing == 'lockstep'
-    # They take turns: on one processor that is faster.
-    turns = one_processor() if lockstep else None
-    children: dict[str, child_process.Child] = {}
-    with (stop_signals() as caught, ExitStack() as leaving,
+    # Plant and controller take turns in lockstep: on one processor that is faster.
+    processors = dict.fromkeys(('plant', 'controller'), one_processor() if lockstep else None)
+    nodes: dict[str, Child] = {}
+    page: list[Child] = []
+    with (stop_signals() as caught, ExitStack() as context,
           tempfile.TemporaryDirectory(prefix='ctc_chattering_') as scratch):
         file = Path(scratch) / 'params.yaml'
         parameter_file.dump(values, file)
-        start, hold = leaving.enter_context(_pipe())
+        # The nodes read the pipe, and join the graph when its other end is closed.
+        read, write = os.pipe()
+        start = context.enter_context(os.fdopen(read, 'rb'))
+        hold = context.enter_context(os.fdopen(write, 'wb'))
         try:
             for name in values:
-                argv = child_process.node_command(
+                command = node_command(
                     name, *ros_args, '--ros-args', '--params-file', str(file))
-                children[name] = child_process.Child(
-                    name, argv, show, turns if name in ('plant', 'controller') else None,
-                    start.fileno())
-            # Another graph is looked for while they load their modules.
-            look, report_end = leaving.enter_context(
-                graph_monitor(setup.events, lockstep, ros_args))
+                nodes[name] = Child(name, command, show, processors.get(name), start.fileno())
+            # It looks for another graph while the nodes load their modules.
+            monitor = context.enter_context(graph_monitor(setup.events, lockstep, ros_args))
             hold.close()
             if live:
-                children['live'] = child_process.Child('live', child_process.node_command(
-                    'live', '--open' if sys.stdout.isatty() else '--no-open', *ros_args,
-                    program='ctc'), show)
+                opening = '--open' if sys.stdout.isatty() else '--no-open'
+                page.append(Child(
+                    'live', node_command('live', opening, *ros_args, program='ctc'), show))
             try:
-                _watch({name: children[name] for name in values}, look, caught,
-                       setup.plant.duration > 0.0, progress)
-                report_end('the experiment has ended')
+                _watch(nodes, monitor, caught, setup.plant.duration > 0.0, progress)
+                monitor.report_end('the experiment has ended')
             except CtcError as error:
-                report_end(' '.join(str(error).split()))
+                monitor.report_end(' '.join(str(error).split()))
                 raise
         finally:
             if not hold.closed:  # They have not joined the graph.
-                for child in children.values():
-                    child.signal(signal.SIGKILL)
-            child_process.stop([children[x] for x in LOOP if x in children])
-            # Later: it shows how the graph has ended.
-            child_process.stop([children[x] for x in children if x == 'live'])
-            child_process.stop(list(children.values()), patience=20.0)
-    for name in values:
-        if children[name].status:
-            raise CtcError(children[name].exit_report())
-
-
-@contextmanager
-def _pipe() -> Iterator[tuple[BinaryIO, BinaryIO]]:
-    """Yield the ends of a pipe."""
-    read, write = os.pipe()
-    with os.fdopen(read, 'rb') as start, os.fdopen(write, 'wb') as hold:
-        yield start, hold
+                for child in nodes.values():
+                    child.process.kill()
+            stop([nodes[name] for name in LOOP if name in nodes])
+            stop(page)  # It shows how the graph has ended.
+            stop(list(nodes.values()), _LAST_PATIENCE_S)
+    for child in nodes.values():
+        if child.status:
+            raise CtcError(child.exit_report())
 
 
 def node_values(setup: Setup, record: Path | None, with_bringup: bool = True
                 ) -> dict[str, dict[str, Any]]:
     """
-    Return the parameters of the nodes that are to run, in the order of their start.
+    Return the parameters of the nodes, in the order of start.
 
     Parameters
     ----------
     setup : Setup
-        Of the parameter file.
+        Contents of the parameter file.
     record : Path or None
         Directory to create for a bag.
     with_bringup : bool
@@ -149,10 +152,10 @@ def node_values(setup: Setup, record: Path | None, with_bringup: bool = True
     if setup.events and not with_bringup:
         raise CtcError('bringup: events are not allowed in a launch file; run bringup: '
                        'ros2 run ctc_chattering bringup')
-    names = (*(('recorder',) if record else ()), *LOOP)
+    names = ['recorder', *LOOP] if record else list(LOOP)
     values = {name: dict(setup.values[name]) for name in names}
     for name in LOOP:
-        values[name]['wait_for'] = [*(['bringup'] if with_bringup else []), *names]
+        values[name]['wait_for'] = ['bringup', *names] if with_bringup else names
     if setup.plant.pacing == 'lockstep' and setup.events:
         values['plant']['hold_at'] = setup.events[0].time
     if record:
@@ -160,20 +163,20 @@ def node_values(setup: Setup, record: Path | None, with_bringup: bool = True
     return values
 
 
-def _watch(children: Mapping[str, child_process.Child], look: Callable[[], float],
-           caught: Sequence[int], ends: bool, progress: Callable[[float], object]) -> None:
+def _watch(nodes: Mapping[str, Child], monitor: ParameterEventScheduler, caught: Sequence[int],
+           ends: bool, progress: Callable[[float], object]) -> None:
     """Return when the plant has ended the experiment."""
-    while True:
-        if caught:
-            raise Stopped(f'stopped by {signal.Signals(caught[0]).name}')
-        for name, child in children.items():
-            if child.status is not None:
-                if name == 'plant' and child.status == 0 and ends:
-                    return
-                raise CtcError(child.exit_report())
-        progress(look())
+    while not caught:
+        for name, child in nodes.items():
+            if child.status is None:
+                continue
+            if name == 'plant' and child.status == 0 and ends:
+                return
+            raise CtcError(child.exit_report())
+        progress(monitor.look())
+    raise Stopped(f'stopped by {signal.Signals(caught[0]).name}')
 
 
 def one_processor() -> set[int]:
-    """Return one of the processors that we may use, any."""
+    """Return one of the processors that this process may use."""
     return {random.choice(sorted(os.sched_getaffinity(0)))}

@@ -315,7 +315,7 @@ class RecorderProcess:
         """Have it close the bag."""
         if self._child is not None:
             self._asked = True
-            self._child.signal(signal.SIGINT)
+            self._child.process.send_signal(signal.SIGINT)
 
     def poll(self) -> None:
         """Tell how a recorder has ended."""

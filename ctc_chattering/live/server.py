@@ -33,7 +33,7 @@ from http.client import HTTPConnection, HTTPException
 from io import StringIO
 from ipaddress import ip_address
 from itertools import chain
-from math import inf, isfinite
+from math import isfinite
 from pathlib import Path
 from secrets import token_urlsafe
 import socket
@@ -46,6 +46,7 @@ import webbrowser
 from ctc_chattering.analysis.markup import fragment
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live.page_socket import PageSocket
+from ctc_chattering.numerics.leaky_bucket import LeakyBucket
 from msgspec import Struct
 from msgspec.msgpack import decode
 from msgspec.structs import astuple
@@ -144,32 +145,20 @@ class Access:
         return compare_digest(text.encode(errors='replace'), self._token.encode())
 
 
-#: Messages per second that are taken of a page in the long run, and at once: more than a slider or
-#: a camera that is moved sends. Others wait in the browser.
+#: Messages per second that are taken of a page in the long run: more than a slider or a camera
+#: that is moved sends. Others wait in the browser.
 RATE = 100.0
+#: Messages that are taken of a page at once.
 BURST = 100.0
-
-
-class Pace:
-    """Spreads events to `RATE` per second, but for `BURST` of them."""
-
-    def __init__(self) -> None:
-        #: When all events so far have had their time [s].
-        self._due = -inf
-
-    def delay(self, now: float) -> float:
-        """Count an event at `now` [s]; return how long it must wait [s]."""
-        self._due = max(self._due, now - BURST / RATE) + 1.0 / RATE
-        return max(self._due - now, 0.0)
 
 
 def paced(receive: Callable[[], Awaitable[Any]]) -> Callable[[], Awaitable[Any]]:
     """Return a function that receives messages, but no more of them than a page sends."""
-    pace = Pace()
+    bucket = LeakyBucket(RATE, BURST)
 
     async def received() -> Any:
         data = await receive()
-        await asyncio.sleep(pace.delay(time.monotonic()))
+        await asyncio.sleep(bucket.fill(1.0, time.monotonic()) / RATE)
         return data
     return received
 

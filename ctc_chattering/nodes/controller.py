@@ -152,11 +152,11 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
 
     @property
     def in_real_time(self) -> bool:
-        """True if states come in real time."""
+        """Return whether states come in real time."""
         return self._loop.last is not None and not self._loop.simulated
 
     def introduction(self) -> str:
-        """Return the law, and the messages that are waited for."""
+        """Return the law, and the awaited messages."""
         waits = self.problem or f'waits for {JOINT_STATES} and {REFERENCE}'
         return f'law {self.config.law}, {1 / self.config.control_period:g} Hz; {waits}'
 
@@ -248,7 +248,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
             self.statistics.misses += end - now > loop.period
 
     def _note_no_answer(self) -> None:
-        """Announce parameters, and end a run that would wait for ever."""
+        """Announce parameters, and end a run that tripped."""
         loop = self._loop
         if not loop.mode.sends_torque:
             self.statistics.pause()
@@ -300,7 +300,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
             self._loop.law.check(config)
 
     def completed(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return the gains of a law that is set without any, by `GainChoice`."""
+        """Return the gains of a law set without any."""
         law, named = values.get('law'), {*values, *self.parameter_service.names}
         allowed = (*LAWS, self.given.get('law'))  # No other class is imported.
         if law is not None and law in allowed and named.isdisjoint(GAINS):

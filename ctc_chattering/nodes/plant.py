@@ -120,11 +120,11 @@ class PlantNode(LoopNode[PlantNodeConfig]):
 
     @property
     def in_real_time(self) -> bool:
-        """True if the node's clock paces it."""
+        """Return whether the node's clock paces it."""
         return self._ticker is None
 
     def idle(self) -> None:
-        """Begin once all nodes are matched. Repeat a state without an answer."""
+        """Begin once all nodes are matched. Repeat unanswered states."""
         if self._ticker is None or not self.inputs:
             return
         now = time.monotonic_ns()
@@ -206,7 +206,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             self._publish_sample()
 
     def _publish_sample(self) -> None:
-        """Send the next state that is not lost, unless time is held."""
+        """Send the next state, unless time is held."""
         robot = self._robot
         while robot.t < self._hold_at:
             k, is_sent = robot.k, not robot.lost
@@ -252,7 +252,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             self._unanswered_since = end
 
     def _catch_up(self, begin: int) -> bool:
-        """Go on by the periods due, and return whether to send a state."""
+        """Go on by the periods due, and return whether any were."""
         robot, now = self._robot, self.get_clock().now().nanoseconds
         if self._watchdog.check(begin):
             robot.brake(True)
@@ -280,7 +280,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         self._start = last_tick - self._robot.k * self._period
 
     def _step(self) -> bool:
-        """Go on by one period, and return whether the robot still moves."""
+        """Go on by one period, and return whether that worked."""
         if self.failure is not None:
             return False
         try:

@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The recorder as a node: every message of the graph, as it was received, into a bag."""
+"""
+Recorder node: writes every message of the graph, as it was received, into a bag.
+
+It subscribes to all topics of `ros.topics.TOPICS`, and `bags.writer` puts them into files.
+"""
 
 from __future__ import annotations
 
@@ -37,40 +41,40 @@ from ctc_chattering.ros.spinning import NAP
 from ctc_chattering.ros.subscription import MatchingSubscription, qos, ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, Topic, TOPICS
 
-#: Messages that DDS keeps for us while we sleep, or the disk does.
+#: Messages that DDS keeps while this process or the disk sleeps.
 _DEPTH = 100_000
 #: Time between two flushes to the disk [s].
 FLUSH_PERIOD = 0.3
-#: How long a message may still be on its way at the end [s].
-_SLICE = 0.02
-#: So many messages wait until a state or a clock tells what the time is.
-_EARLY = 500
-#: How long it takes messages that came before the end, while more are to come [ns].
-_DRAIN = NANOSECONDS // 5
+#: Time for which a message may still be on its way at the end [s].
+_DELIVERY_S = 0.02
+#: Messages that wait until a state or a clock tells the time.
+_MAX_WAITING = 500
+#: Time for which messages are taken at the end, while more are to come [ns].
+_DRAIN_NS = NANOSECONDS // 5
 
 
 @dataclasses.dataclass
 class _Recorded:
     """
-    A topic that is recorded.
+    Topic that is recorded.
 
     Attributes
     ----------
-    name, kind : str
-        Full name and message type.
+    name, message_type : str
+        Full name and type.
     offered : str
-        What its publishers offer.
+        Quality of service that its publishers offer.
     matching : MatchingSubscription
-        Whence its messages are taken.
+        Source of its messages.
     timing : ValidatedSubscription or None
-        What reads the time out of them, where they tell it.
+        Reader of the time in them, where they have it.
     sequence : SequenceTracker
-        What finds missing messages.
+        Count of missing messages.
 
     """
 
     name: str
-    kind: str
+    message_type: str
     offered: str
     matching: MatchingSubscription
     timing: ValidatedSubscription[int] | None
@@ -79,15 +83,15 @@ class _Recorded:
 
 class RecorderNode(BaseNode):
     """
-    Records all topics of `ros.topics.TOPICS`.
+    Recorder of all topics of `ros.topics.TOPICS`.
 
-    The log time is the simulated time of the last state received where there is a publisher of
-    ``clock``, so that a lockstep run plays back with its own timing, and the node clock's time
-    of reception otherwise. Publishers number their messages; what is missing in the numbers was
-    dropped on the way, and the bag says how much.
+    With a publisher of ``clock`` the log time is the simulated time of the last state received, so
+    that a lockstep run plays back with its own timing. Otherwise it is the time of reception.
+    Publishers number their messages. A missing number is a message that was dropped on the way,
+    and the bag has their count.
 
-    Messages are taken from the middleware in batches and put in the order of their arrival: an
-    executor that calls back for each takes longer for a message.
+    Messages are taken from the middleware in batches and sorted by arrival: an executor that calls
+    back for each takes longer.
     """
 
     def __init__(self, values: Values | None = None) -> None:
@@ -95,94 +99,86 @@ class RecorderNode(BaseNode):
         self._recording = BagWriter(Path(NodeParameters(self, RecorderConfig).config.bag))
         self.tick = NAP
         self._received = 0
-        #: When the last message recorded was sent [ns], by the system's clock.
+        self._reported_count = 0
+        #: Time of sending of the last message recorded, by the system's clock [ns].
         self._sent = 0
         self._dropped: Counter[str] = Counter()
         self._flushed = self._reported = time.monotonic()
-        self._received_before = 0
         self._time = LogTime()
         self._clock_topic = self.resolve_topic_name(CLOCK)
+        #: None until it is known.
         self._simulated: bool | None = None
-        self._early: list[tuple[_Recorded, int, bytes]] = []
-        #: What was taken and came after the batch began: arrival [ns], topic, data, information.
+        #: Messages to write, with their times of reception [ns].
+        self._waiting: list[tuple[_Recorded, int, bytes]] = []
+        #: Messages that came after the batch began: arrival [ns], topic, data, information.
         self._pending: list[tuple[int, _Recorded, bytes, Mapping[str, Any]]] = []
-        self._topics: list[_Recorded] = []
-        for topic in TOPICS.values():
-            self._topics.append(self._subscribe(topic))
+        self._topics = [self._subscribe(topic) for topic in TOPICS.values()]
 
     def introduction(self) -> str:
-        """Return where the bag is."""
+        """Return the path of the bag."""
         return f'records {len(TOPICS)} topics to {self._recording.path}; waits for messages'
 
     @property
     def subscriptions(self) -> Iterator[Any]:
-        """Yield those that an executor serves; `_take` serves the others."""
-        taken = [topic.matching.current for topic in self._topics]
-        return (x for x in super().subscriptions if x not in taken)
+        """Subscriptions that an executor serves, without those that `_take` serves."""
+        recorded = [topic.matching.current for topic in self._topics]
+        return (x for x in super().subscriptions if x not in recorded)
 
     def _subscribe(self, topic: Topic) -> _Recorded:
-        name, kind = self.resolve_topic_name(topic.name), message_type(topic.kind)
+        """Subscribe to a topic."""
+        name, message_class = self.resolve_topic_name(topic.name), message_type(topic.kind)
         profile = qos(_DEPTH, topic.latched)
         timing = None
         if topic.name in (JOINT_STATES, CLOCK):
             timing = ValidatedSubscription(
-                self, kind, topic.name, lambda stamp, _now: self._time.note(name, stamp),
-                profile, read_stamp)
-        return _Recorded(
-            name, topic.kind, offered_qos(topic.depth, topic.latched),
-            timing.subscription if timing else MatchingSubscription(
-                self, kind, topic.name, lambda _: None, profile), timing, SequenceTracker())
+                self, message_class, topic.name,
+                lambda stamp, _now: self._time.note(name, stamp), profile, read_stamp)
+        matching = timing.subscription if timing else MatchingSubscription(
+            self, message_class, topic.name, lambda _: None, profile)
+        return _Recorded(name, topic.kind, offered_qos(topic.depth, topic.latched), matching,
+                         timing, SequenceTracker())
 
     def _record(self, topic: _Recorded, data: bytes, info: Mapping[str, Any]) -> None:
-        """Record a message."""
-        number = info.get('publication_sequence_number')
-        if number:
-            self._lose(topic.name, topic.sequence.lost(
-                number, lambda: self.count_publishers(topic.name)))
+        """Record a message, once it is known whether time is simulated."""
+        if number := info.get('publication_sequence_number'):
+            self._count_dropped(topic, number)
         if topic.timing is not None:
             topic.timing.receive(data, info)
-        if self._simulated is None and (topic.timing or len(self._early) >= _EARLY):
-            self._begin(topic.name == self._clock_topic or self.count_publishers(CLOCK) > 0)
-        t = self._time.now if self._simulated else (
-            info.get('received_timestamp') or self.get_clock().now().nanoseconds)
-        if self._simulated is None:
-            self._early.append((topic, t, data))
-        else:
-            self._write(topic, t, data)
+        received = info.get('received_timestamp') or self.get_clock().now().nanoseconds
+        self._waiting.append((topic, received, data))
+        if self._simulated is None and (topic.timing or len(self._waiting) > _MAX_WAITING):
+            self._simulated = (
+                topic.name == self._clock_topic or self.count_publishers(CLOCK) > 0)
+        if self._simulated is not None:
+            self._write_waiting()
 
-    def _begin(self, simulated: bool) -> None:
-        """Write what came before it could be known whether time is simulated."""
-        self._simulated = simulated
-        early, self._early = self._early, []
-        for topic, t, data in early:
-            self._write(topic, self._time.now if simulated else t, data)
+    def _write_waiting(self) -> None:
+        """Write the messages that wait."""
+        for topic, received, data in self._waiting:
+            self._attempt(self._recording.write, topic.name, topic.message_type,
+                          self._time.now if self._simulated else received, data, topic.offered)
+        self._waiting.clear()
 
-    def _write(self, topic: _Recorded, t: int, data: bytes) -> None:
-        self._attempt(
-            self._recording.write, topic.name, topic.kind, t, data, topic.offered)
-
-    def _lose(self, topic: str, count: int) -> None:
-        """Count messages that never came."""
-        if not count:
-            return
-        self._dropped[topic] += count
-        self._recording.notes['dropped'] = str(dict(self._dropped))
-        self.get_logger().error(
-            f'{topic}: {count} messages were dropped', throttle_duration_sec=1.0)
+    def _count_dropped(self, topic: _Recorded, number: int) -> None:
+        """Count the missing messages before one with this number."""
+        count = topic.sequence.lost(number, lambda: self.count_publishers(topic.name))
+        if count:
+            self._dropped[topic.name] += count
+            self._recording.notes['dropped'] = str(dict(self._dropped))
+            self.get_logger().error(
+                f'{topic.name}: {count} messages were dropped', throttle_duration_sec=1.0)
 
     def status(self) -> Status:
-        """Return what was recorded."""
-        now, lost = time.monotonic(), sum(self._dropped.values())
-        rate = (self._received - self._received_before) / max(now - self._reported, 1e-3)
-        self._received_before, self._reported = self._received, now
-        level, message = OK, f'recording to {self._recording.path}'
-        if self.failure is not None:
-            level, message = ERROR, self.failure
-        elif lost:
-            level, message = ERROR, f'{lost} messages were dropped'
-        return Status(level, message, {
-            'messages': sum(self._recording.counts.values()), 'rate [Hz]': rate, 'dropped': lost,
-            **{f'dropped, {topic}': count for topic, count in self._dropped.items()}})
+        """Return the counts of messages, and the problem if there is one."""
+        now, dropped = time.monotonic(), self._dropped.total()
+        rate = (self._received - self._reported_count) / max(now - self._reported, 1e-3)
+        self._reported_count, self._reported = self._received, now
+        problem = self.failure or (f'{dropped} messages were dropped' if dropped else '')
+        return Status(
+            ERROR if problem else OK, problem or f'recording to {self._recording.path}', {
+                'messages': sum(self._recording.counts.values()), 'rate [Hz]': rate,
+                'dropped': dropped,
+                **{f'dropped, {topic}': count for topic, count in self._dropped.items()}})
 
     def spin(self, executor: Any) -> None:
         """Serve parameters and timers, then record what has come."""
@@ -190,14 +186,14 @@ class RecorderNode(BaseNode):
         self._take()
 
     def _take(self) -> None:
-        """Record what had arrived when this was called, in the order of arrival."""
+        """Record all that has arrived, in the order of arrival."""
         begin = time.time_ns()
         pending = self._pending
         for topic in self._topics:
             current = topic.matching.current
-            take, kind = current.handle.take_message, current.msg_type
-            while (taken := take(kind, True)) is not None:
-                data, info = taken
+            take, message_class = current.handle.take_message, current.msg_type
+            while (message := take(message_class, True)) is not None:
+                data, info = message
                 arrival = info.get('received_timestamp') or 0
                 pending.append((arrival, topic, data, info))
                 self._received += 1
@@ -210,28 +206,27 @@ class RecorderNode(BaseNode):
             self._record(topic, data, info)
 
     def _drain(self) -> None:
-        """Take all that was sent before now, but not for ever."""
+        """Record what was sent before now, within a limit of time."""
         begin = time.time_ns()
-        before = -1
-        while before < self._received or self._pending:
-            before = self._received
+        received = -1
+        while received < self._received or self._pending:
+            received = self._received
             self._take()
             if self._sent > begin:
                 return
             # When the others have ended, there is time for all that they have sent.
-            if time.time_ns() - begin > _DRAIN and self.count_publishers(JOINT_STATES):
+            if time.time_ns() - begin > _DRAIN_NS and self.count_publishers(JOINT_STATES):
                 return
-            time.sleep(_SLICE)
+            time.sleep(_DELIVERY_S)
 
     def idle(self) -> None:
-        """Put what was received onto the disk every so often."""
-        now = time.monotonic()
-        if now - self._flushed > FLUSH_PERIOD:
+        """Flush the bag to the disk every so often."""
+        if time.monotonic() - self._flushed > FLUSH_PERIOD:
             self._attempt(self._recording.flush)
             self._flushed = time.monotonic()
 
     def _attempt(self, action: Callable[..., None], *arguments: Any) -> None:
-        """Call what writes to the disk; where that takes no more, let the control loop go on."""
+        """Write to the disk, and where that fails, end the recording alone."""
         if self.failure is not None:
             return
         try:
@@ -245,9 +240,9 @@ class RecorderNode(BaseNode):
     def finish(self) -> None:
         """Close the bag."""
         self._drain()
-        self._begin(bool(self._simulated))
+        self._write_waiting()
         self._attempt(self._recording.close)
         if self.failure is None:
-            total, lost = sum(self._recording.counts.values()), sum(self._dropped.values())
-            self.get_logger().info(f'{total} messages on {len(self._recording.counts)} topics'
-                                   + (f', {lost} dropped' if lost else ''))
+            counts, dropped = self._recording.counts.values(), self._dropped.total()
+            text = f'{sum(counts)} messages on {len(counts)} topics'
+            self.get_logger().info(f'{text}, {dropped} dropped' if dropped else text)

@@ -67,7 +67,7 @@ class LoopNode(BaseNode, Generic[C]):
 
     @property
     def config(self) -> C:
-        """The configuration in force."""
+        """Return the configuration in force."""
         config: C = self.parameters.config
         return config
 

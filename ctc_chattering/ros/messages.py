@@ -80,7 +80,7 @@ def stamp(t: int) -> Time:
 
 def read_stamp(data: bytes) -> int:
     """
-    Return the time at the beginning of a serialized message [ns].
+    Return the time at a message's beginning [ns].
 
     It is that of a `Clock`, or of a header.
 
@@ -101,7 +101,7 @@ def read_stamp(data: bytes) -> int:
 
 
 class LoopMessage(NamedTuple):
-    """Stamp [ns], or 0 for none, names and rows of a message."""
+    """Stamp [ns], names and rows of a message."""
 
     t: int
     names: tuple[str, ...]
@@ -109,7 +109,7 @@ class LoopMessage(NamedTuple):
 
 
 def _rows_format(sizes: Sequence[int]) -> str:
-    """Return the CDR format of rows, counts before all but the first."""
+    """Return the CDR format of rows with counts between."""
     first, *following = sizes
     return f'{first}d' + ''.join(f'I4x{n}d' if n else 'I' for n in following)
 
@@ -212,7 +212,7 @@ class Writer:
         del self._data[self._begin + self._layout.size:]
 
     def write(self, *rows: Sequence[float], t: int | None = None) -> bytes:
-        """Return the message with `rows`, and stamp `t` [ns] if any."""
+        """Return the message with `rows` and stamp `t` [ns]."""
         if t is not None:
             _STAMP.pack_into(self._data, 4, *divmod(t, NANOSECONDS))
         values = [*rows[0]]

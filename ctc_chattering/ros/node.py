@@ -95,7 +95,7 @@ class BaseNode(SpinningNode):
         return 'runs'
 
     def report(self, now: int) -> None:
-        """Publish a report if a second has passed at `now` [ns]."""
+        """Publish a report once a second, at `now` [ns]."""
         if now < self._report_due:
             return
         self._report_due = max(

@@ -12,17 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""ROS parameters from the core's declarations: nothing about a parameter is said twice."""
+"""
+Parameters of a node: declared from its configuration, served, checked and announced.
+
+`BaseNode` serves them by `TolerantParameterService`. Each node has a `NodeParameters` of its
+`Config`, whose declarations say all about a parameter, and which checks every value.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
 import time
 from typing import Any
 
 from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.numerics.leaky_bucket import LeakyBucket
 from ctc_chattering.parameters import Config, Parameter
 from ctc_chattering.ros.messages import stamp
 from ctc_chattering.ros.subscription import qos
@@ -33,147 +39,113 @@ from rcl_interfaces.msg import (
     ParameterType,
     SetParametersResult,
 )
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter_service import ParameterService
 
-#: Last changes of the parameters that who comes later is told, too.
+#: Last changes of the parameters that a later subscriber is told.
 CHANGES = 1000
+#: Share of the time that setting parameters may take. A slider that is moved takes less.
+MAX_SET_SHARE = 0.5
+#: Time that setting parameters may take at once [s], such as those of a file.
+MAX_SET_BURST_S = 1.0
 
-
-#: Share of the time that setting parameters may take: a slider that is moved takes less.
-_SHARE = 0.5
-#: What setting parameters may take at once [s], such as those of a file.
-_BURST = 1.0
 _TOO_MANY = ('too many requests: setting parameters took more than half of the time; ask again '
              'later')
 
 
-class TimeBudget:
-    """
-    Limits the share of the time that something takes, but for bursts.
-
-    Parameters
-    ----------
-    share : float
-        Of the time, in the long run.
-    burst : float
-        What may be taken beyond it [s].
-
-    """
-
-    def __init__(self, share: float, burst: float) -> None:
-        self._share, self._burst = share, burst
-        #: What was taken beyond the share, and until when that is known [s].
-        self._debt = self._known = 0.0
-
-    def exhausted(self, now: float) -> bool:
-        """Return whether too much was taken until `now` [s]."""
-        self._debt = max(self._debt - self._share * (now - self._known), 0.0)
-        self._known = now
-        return self._debt > self._burst
-
-    def spend(self, until: float) -> None:
-        """Note that all of the time since the last call was taken, until now [s]."""
-        self._debt += (1.0 - self._share) * (until - self._known)
-        self._known = until
-
-
 class TolerantParameterService(ParameterService):
     """
-    Serves parameters so that no request, and no number of them, holds up what is more urgent.
+    Parameter services that hold up nothing more urgent, whatever is requested.
 
-    A value of no known type is taken for one that is not set; rclpy's service raises, in our spin.
-    Before each request those of ``node.urgent`` are served; requests to set parameters are refused
-    where they take too much of the time.
+    Requests for the services in ``node.urgent`` are answered before each request. Requests to set
+    parameters are refused where they take too much of the time. A value of an unknown type counts
+    as not set, because rclpy would raise in the node's spin.
 
     Parameters
     ----------
     node : BaseNode
-        Whose parameters they are.
+        Owner of the parameters.
 
     Attributes
     ----------
     names : frozenset of str
-        Parameters that the request at hand sets, one after the other or together.
+        Parameters that the present request sets, together or one after the other.
 
     """
 
     def __init__(self, node: Any) -> None:
-        before = set(node.services)
+        earlier = set(node.services)
         super().__init__(node)
-        for service in set(node.services) - before:
+        for service in set(node.services) - earlier:
             service.callback = partial(self._serve, node, service.callback)
         self.names: frozenset[str] = frozenset()
-        self._budget = TimeBudget(_SHARE, _BURST)
+        self._set_time = LeakyBucket(MAX_SET_SHARE, MAX_SET_BURST_S)
 
     def _serve(self, node: Any, callback: Callable[[Any, Any], Any], request: Any, response: Any
                ) -> Any:
-        """Answer a request for parameters, after what is more urgent."""
+        """Answer a request for parameters, after those that are more urgent."""
         for service in node.urgent:
             serve_waiting(service)
+        if isinstance(request, (SetParameters.Request, SetParametersAtomically.Request)):
+            return self._set(callback, request, response)
         return callback(request, response)
 
-    def _set_parameters_callback(self, request: Any, response: Any) -> Any:
-        if self._budget.exhausted(time.monotonic()):
-            response.results = [_refused(_TOO_MANY)] * len(request.parameters)
+    def _set(self, callback: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
+        """Set parameters, unless that took too much of the time."""
+        begin = time.monotonic()
+        if self._set_time.fill(0.0, begin):
+            if isinstance(response, SetParameters.Response):
+                response.results = [_refuse(_TOO_MANY)] * len(request.parameters)
+            else:
+                response.result = _refuse(_TOO_MANY)
             return response
-        response = super()._set_parameters_callback(self._typed(request), response)
-        self._budget.spend(time.monotonic())
-        return response
-
-    def _set_parameters_atomically_callback(self, request: Any, response: Any) -> Any:
-        if self._budget.exhausted(time.monotonic()):
-            response.result = _refused(_TOO_MANY)
-            return response
-        response = super()._set_parameters_atomically_callback(self._typed(request), response)
-        self._budget.spend(time.monotonic())
-        return response
-
-    def _typed(self, request: Any) -> Any:
         self.names = frozenset(parameter.name for parameter in request.parameters)
         for parameter in request.parameters:
             if parameter.value.type > ParameterType.PARAMETER_STRING_ARRAY:
                 parameter.value.type = ParameterType.PARAMETER_NOT_SET
-        return request
+        callback(request, response)
+        self._set_time.fill(time.monotonic() - begin, begin)
+        return response
 
 
 def serve_waiting(service: Any) -> None:
-    """Answer the requests that wait for a service, before others that came earlier."""
+    """Answer the waiting requests for a service before any others."""
     while True:
         with service.handle:
             request, header = service.handle.service_take_request(service.srv_type.Request)
         if header is None:
             return
-        service.send_response(
-            service.callback(request, service.srv_type.Response()), header)
+        service.send_response(service.callback(request, service.srv_type.Response()), header)
 
 
-def _refused(reason: str) -> SetParametersResult:
+def _refuse(reason: str) -> SetParametersResult:
+    """Return the refusal of a set."""
     return SetParametersResult(successful=False, reason=reason)
 
 
 class NodeParameters:
     """
-    Declares the parameters of a node and keeps its configuration in step with them.
+    Parameters of a node, and the configuration that follows them.
 
-    A set that is not allowed is refused with the reason and changes nothing; integers are taken
-    where numbers are due.
+    A set that is not allowed is refused with the reason and changes nothing. Integers are accepted
+    for floats.
 
     Parameters
     ----------
     node : BaseNode
-        Where they are declared. Its `check` refuses a configuration that a set would make,
-        `completed` adds to the values of a set, and `on_change` is called after it.
-    kind : Config type
-        Of all parameters of the node.
+        Declares them. Its `check` refuses a configuration that a set would make, its `completed`
+        adds values to a set, and its `on_change` follows a set.
+    config_type : Config type
+        Declarations of all parameters of the node.
 
     Attributes
     ----------
     config : Config
-        The present one.
+        Configuration in force.
     changed : bool
-        Whether something has changed that has not been announced yet.
+        Whether a change has not been announced yet.
 
     Raises
     ------
@@ -182,111 +154,124 @@ class NodeParameters:
 
     """
 
-    def __init__(self, node: Any, kind: type[Config]) -> None:
+    def __init__(self, node: Any, config_type: type[Config]) -> None:
         self._node = node
-        self._specs = kind.parameters()
-        self.config: Any = kind.from_mapping(self._ours(node.given))
+        self._declared = config_type.parameters()
+        self.config: Any = config_type.from_mapping(self._without_ros(node.given))
+        #: Configuration that the present set makes.
+        self._candidate = self.config
         #: Values at the start: a class that they name may be named again.
-        self._first = self.config.as_mapping()
-        self._joints = len(getattr(self.config, 'joint_names', ()))
-        for name, value in self._first.items():
-            node.declare_parameter(name, _to_parameter(name, value).value,
-                                   descriptor(self._specs[name]))
+        self._initial = self.config.as_mapping()
+        for name, value in self._initial.items():
+            node.declare_parameter(
+                name, to_parameter(name, value).value, descriptor(self._declared[name]))
         self._publisher = node.create_publisher(
             ParameterEvent, f'~/{PARAMETERS}', qos(CHANGES, latched=True))
         self._announced: dict[str, Any] = {}
         self.changed = True
-        node.add_pre_set_parameters_callback(self._coerce)
+        node.add_pre_set_parameters_callback(self._complete)
         node.add_on_set_parameters_callback(self._validate)
         node.add_post_set_parameters_callback(self._apply)
 
-    def _ours(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the values of parameters of ours, not of ROS."""
-        return {name: value for name, value in values.items() if name in self._specs}
+    def _without_ros(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the values without those of ROS's own parameters."""
+        return {name: value for name, value in values.items() if name in self._declared}
 
     def assign(self, values: Mapping[str, Any]) -> None:
         """Set parameters by name, as a request of another node would."""
-        self._node.set_parameters_atomically([_to_parameter(*item) for item in values.items()])
+        self._node.set_parameters_atomically([to_parameter(*item) for item in values.items()])
 
     def announce(self, t: int) -> None:
-        """Publish on ``~/parameters`` what has changed: in force from the state at `t` [ns]."""
-        now = self.config.as_mapping()
-        changed = [_to_parameter(name, value).to_parameter_msg()
-                   for name, value in now.items() if self._announced.get(name) != value]
-        kind = 'changed_parameters' if self._announced else 'new_parameters'
-        self._announced = now
+        """Publish the changes, in force from the state at `t` [ns]."""
+        values = self.config.as_mapping()
+        messages = [to_parameter(*item).to_parameter_msg()
+                    for item in _changes(self._announced, values).items()]
+        field = 'changed_parameters' if self._announced else 'new_parameters'
+        self._announced = values
         self.changed = False
-        if changed:
+        if messages:
             self._publisher.publish(ParameterEvent(
-                stamp=stamp(t), node=self._node.get_fully_qualified_name(), **{kind: changed}))
+                stamp=stamp(t), node=self._node.get_fully_qualified_name(), **{field: messages}))
 
     def announce_change(self, t: int) -> None:
-        """Publish what has changed since they were announced, if they were: see `announce`."""
+        """Publish the changes since the last `announce`, if there was one."""
         if self.changed and self._announced:
             self.announce(t)
 
-    def _coerce(self, parameters: list[RosParameter]) -> list[RosParameter]:
-        """Turn integers into numbers where such are due, and complete."""
-        found = [self._coerced(parameter) for parameter in parameters]
-        more = self._node.completed({parameter.name: parameter.value for parameter in found})
-        return found + [_to_parameter(name, value) for name, value in more.items()]
+    def _complete(self, parameters: list[RosParameter]) -> list[RosParameter]:
+        """Return typed parameters, with those that the node adds."""
+        coerced = [self._coerce(parameter) for parameter in parameters]
+        added = self._node.completed({x.name: x.value for x in coerced})
+        return coerced + [to_parameter(*item) for item in added.items()]
 
-    def _coerced(self, parameter: RosParameter) -> RosParameter:
-        if not self._node.has_parameter(parameter.name):  # rclpy takes an empty name.
-            raise ParameterNotDeclaredException([parameter.name])
-        spec = self._specs.get(parameter.name)
-        if spec is not None:
-            with suppress(ParameterError):  # `_validate` refuses it, and says why.
-                value = spec.coerce(parameter.value, self._joints)
-                return _to_parameter(spec.name, value)
+    def _coerce(self, parameter: RosParameter) -> RosParameter:
+        """Return a parameter with its declared type, if it fits."""
+        name = parameter.name
+        if not self._node.has_parameter(name):  # rclpy takes an empty name.
+            raise ParameterNotDeclaredException([name])
+        if name in self._declared:
+            joints = len(getattr(self.config, 'joint_names', ()))
+            with suppress(ParameterError):  # `_validate` refuses it with the reason.
+                return to_parameter(name, self._declared[name].coerce(parameter.value, joints))
         return parameter
 
-    def _candidate(self, parameters: Sequence[RosParameter]) -> Any:
-        return self.config.changed(self._ours({x.name: x.value for x in parameters}))
-
     def _validate(self, parameters: list[RosParameter]) -> SetParametersResult:
+        """Accept a set and keep its configuration, or refuse it."""
+        values = {parameter.name: parameter.value for parameter in parameters}
         try:
-            for parameter in parameters:  # One that is not set would be undeclared.
-                spec = self._specs.get(parameter.name)
-                if spec is not None and parameter.value is None:
-                    raise ParameterError(spec.name, None, spec.allowed)
-                if spec is not None and spec.custom and parameter.value not in (
-                        known := (*spec.choices, self._first[spec.name])):
-                    raise ParameterError(spec.name, parameter.value, ' | '.join(
-                        dict.fromkeys(known)) + '; others only at the start of the node')
-                if (parameter.name == 'use_sim_time' and parameter.value is True
-                        and not self._node.count_publishers('/clock')):
-                    raise ParameterError('use_sim_time', True, (
-                        'false: /clock has no publisher, and time would stand still'))
-            self._node.check(self._candidate(parameters))
+            for name, value in values.items():
+                self._check_while_running(name, value)
+            self._candidate = self.config.changed(self._without_ros(values))
+            self._node.check(self._candidate)
         except CtcError as error:
-            return _refused(str(error))
+            return _refuse(str(error))
         return SetParametersResult(successful=True)
 
-    def _apply(self, parameters: list[RosParameter]) -> None:
-        new, was = self._candidate(parameters), self.config.as_mapping()
-        if new != self.config:
-            for name, value in new.as_mapping().items():
-                if value != was[name]:
-                    self._node.get_logger().info(
-                        f'{name}: {_shown(was[name])} -> {_shown(value)}')
-            self.config = new
+    def _check_while_running(self, name: str, value: Any) -> None:
+        """Raise `ParameterError` for a value not allowed in a running node."""
+        if name == 'use_sim_time' and value is True and not self._node.count_publishers('/clock'):
+            raise ParameterError(name, value, (
+                'false: /clock has no publisher, and time would stand still'))
+        declared = self._declared.get(name)
+        if declared is None:
+            return
+        if value is None:  # rclpy would undeclare the parameter.
+            raise ParameterError(name, None, declared.allowed)
+        allowed = list(dict.fromkeys((*declared.choices, self._initial[name])))
+        if declared.custom and value not in allowed:
+            raise ParameterError(
+                name, value, f'{" | ".join(allowed)}; others only at the start of the node')
+
+    def _apply(self, _parameters: list[RosParameter]) -> None:
+        """Put the candidate in force, and log what it changes."""
+        initial = self.config.as_mapping()
+        changes = _changes(initial, self._candidate.as_mapping())
+        for name, value in changes.items():
+            self._node.get_logger().info(f'{name}: {_text(initial[name])} -> {_text(value)}')
+        if changes:
+            self.config = self._candidate
             self.changed = True
             self._node.on_change()
 
 
-def _to_parameter(name: str, value: Any) -> RosParameter:
-    """Return a parameter of ROS: an empty list has no type there, and becomes a list of ''."""
+def _changes(initial: Mapping[str, Any], final: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of `final` that differ from those of `initial`."""
+    return {name: value for name, value in final.items() if initial.get(name) != value}
+
+
+def to_parameter(name: str, value: Any) -> RosParameter:
+    """Return a parameter of ROS, where an empty list has no type and becomes ['']."""
     return RosParameter(name, value=list(value) or [''] if isinstance(value, tuple) else value)
 
 
-def _shown(value: object) -> str:
+def _text(value: object) -> str:
+    """Return a value as a parameter file has it."""
     return str(list(value) if isinstance(value, tuple) else value)
 
 
-def descriptor(spec: Parameter) -> ParameterDescriptor:
-    """Return the descriptor of a parameter; `Parameter` checks values, for a better message."""
-    unit = f' [{spec.unit}]' if spec.unit else ''
+def descriptor(declared: Parameter) -> ParameterDescriptor:
+    """Return the descriptor of a parameter, without ranges, which `Config` checks."""
+    unit = f' [{declared.unit}]' if declared.unit else ''
     return ParameterDescriptor(
-        name=spec.name, description=spec.meaning + unit, read_only=spec.read_only,
-        additional_constraints=spec.allowed, dynamic_typing=True)
+        name=declared.name, description=declared.meaning + unit, read_only=declared.read_only,
+        additional_constraints=declared.allowed, dynamic_typing=True)

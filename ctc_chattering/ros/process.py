@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A process in the graph: its signals and its end, Fast DDS, SROS 2."""
+"""
+Process of a node, of bringup or of a command in the graph.
+
+It collects the signals that ask for its end, and ends even where the middleware hangs. Before the
+first node is made, it chooses the profile of Fast DDS and checks the security of ROS.
+"""
 
 from __future__ import annotations
 
@@ -32,51 +37,49 @@ STOP = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 def collect_signals() -> list[int]:
-    """Take `STOP` from now on; return the list of the signals that have come."""
+    """Handle `STOP`, and return the list that the signals are appended to."""
     caught: list[int] = []
-
-    def on_signal(number: int, _frame: FrameType | None) -> None:
-        caught.append(number)
-
-    for number in STOP:
-        take_signal(number, on_signal)
+    handle_stop(lambda number, _frame: caught.append(number))
     return caught
 
 
 @contextmanager
 def stop_signals() -> Iterator[list[int]]:
-    """Collect `STOP` in the list that is yielded, as `collect_signals` does, until the end."""
-    before = {number: signal.getsignal(number) for number in STOP}
+    """Collect `STOP` in the yielded list while the context lasts."""
+    handlers = {number: signal.getsignal(number) for number in STOP}
     try:
         yield collect_signals()
     finally:
-        for number, handler in before.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler)
 
 
-def take_signal(number: int, handler: Callable[[int, FrameType | None], None]) -> None:
-    """Handle a signal, but for a SIGHUP that is ignored: that is what nohup asks for."""
-    if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
-        signal.signal(number, handler)
+def handle_stop(handler: Callable[[int, FrameType | None], None]) -> None:
+    """Handle `STOP`, except a SIGHUP that nohup has ignored."""
+    for number in STOP:
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, handler)
 
 
-_CLOCK_MONOTONIC, _SIGEV_THREAD = 1, 2
+# Numbers of <time.h> and <signal.h> on Linux.
+_CLOCK_MONOTONIC = 1
+_SIGEV_THREAD = 2
 
 
 class _SignalEvent(ctypes.Structure):
-    """The C library's sigevent, 64 bytes."""
+    """Structure sigevent of the C library, 64 bytes."""
 
     _fields_ = (('value', ctypes.c_long), ('signo', ctypes.c_int), ('notify', ctypes.c_int),
                 ('function', ctypes.c_void_p), ('attributes', ctypes.c_void_p),
-                ('rest', ctypes.c_char * 32))
+                ('padding', ctypes.c_char * 32))
 
 
 def end_after(delay: float, status: int) -> None:
     """
-    Have this process end `delay` [s] from now with `status`, whatever it does meanwhile.
+    End this process after `delay` [s] with `status`, even if it hangs.
 
-    A thread of Python could not: who hangs may hold the interpreter's lock. The numbers are those
-    of Linux with 64 bits.
+    A thread of Python could not, because code that hangs may hold the interpreter's lock. The
+    layout is that of Linux with 64 bits.
     """
     libc = ctypes.CDLL(None)
     for stream in (sys.stdout, sys.stderr):
@@ -89,31 +92,33 @@ def end_after(delay: float, status: int) -> None:
         libc.timer_settime(timer, 0, times, None)
 
 
-#: The environment variables by which Fast DDS finds a profile, in 2.x and in 3.x.
-VARIABLES = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'
+#: Environment variables that name a profile to Fast DDS, 2.x and 3.x.
+PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 
 
 def use_profile() -> None:
     """
-    Have this process and its children use `config/fastdds.xml`, if they use no other profile.
+    Use `config/fastdds.xml`, unless the user has another profile.
 
-    To be called before the first node is made.
+    It is for this process and its children. Call it before the first node is made.
     """
-    if not any(name in os.environ for name in VARIABLES):
-        os.environ[VARIABLES[0]] = str(config_directory() / 'fastdds.xml')
+    if os.environ.keys().isdisjoint(PROFILE_VARIABLES):
+        os.environ[PROFILE_VARIABLES[0]] = str(config_directory() / 'fastdds.xml')
 
 
 def check_security() -> None:
     """
-    Refuse to go on where security is enforced and no keystore is named: ROS would not say why.
+    Check that enforced security has a keystore.
+
+    Without one ROS fails and does not say why.
 
     Raises
     ------
     CtcError
-        If it is so.
+        If there is none.
 
     """
-    if (os.environ.get('ROS_SECURITY_ENABLE') == 'true'
-            and os.environ.get('ROS_SECURITY_STRATEGY') == 'Enforce'
-            and not os.environ.get('ROS_SECURITY_KEYSTORE')):
+    enforced = (os.environ.get('ROS_SECURITY_ENABLE') == 'true'
+                and os.environ.get('ROS_SECURITY_STRATEGY') == 'Enforce')
+    if enforced and not os.environ.get('ROS_SECURITY_KEYSTORE'):
         raise CtcError('ROS_SECURITY_STRATEGY is Enforce, but ROS_SECURITY_KEYSTORE is not set')

@@ -13,12 +13,12 @@
 # limitations under the License.
 
 """
-The arguments after ``--ros-args``: parameters are read as in `ctc simulate`, rcl has the rest.
+Arguments after ``--ros-args`` of nodes and of bringup.
 
-rcl would ignore ``-p`` for a parameter that a file gives in the node's own section, and what is
-for unknown nodes or parameters, and it refuses a list of integers and other numbers. Here the last
-one wins, a node's own section has precedence over ``/**`` of the same file, and a name that is not
-declared is refused.
+Parameters are read here, as in `ctc simulate`, and all else is left to rcl. For parameters rcl
+would ignore ``-p`` beside a file with a section of the node, and names of unknown nodes or
+parameters. It refuses a list of integers and other numbers. Here the last value wins, a node's own
+section has precedence over ``/**`` of the same file, and an undeclared name is refused.
 """
 
 from __future__ import annotations
@@ -42,100 +42,103 @@ _RULE = re.compile(r'(?:(?P<node>\w+):)?(?P<name>[^:=\s]+):=(?P<value>.*)', re.D
 
 class RosArguments(NamedTuple):
     """
-    The arguments after ``--ros-args``.
+    Arguments after ``--ros-args``.
 
     Attributes
     ----------
-    sources : tuple of (str, str)
-        Flags of parameters with their values, in order: files, and rules of single parameters.
-    rest : tuple of str
+    parameters : tuple of (str, str)
+        Flags with their values, in order: files, and rules of single parameters.
+    for_ros : tuple of str
         Arguments for ROS itself: remaps, logging, security.
 
     """
 
-    sources: tuple[tuple[str, str], ...] = ()
-    rest: tuple[str, ...] = ()
+    parameters: tuple[tuple[str, str], ...] = ()
+    for_ros: tuple[str, ...] = ()
 
     @property
     def assigned(self) -> set[str]:
-        """Return the parameters that ``-p`` gives."""
-        return {found['name'] for flag, text in self.sources
-                if flag != _FILE and (found := _RULE.fullmatch(text))}
+        """Names of the parameters that ``-p`` gives."""
+        rules = [_RULE.fullmatch(text) for flag, text in self.parameters if flag != _FILE]
+        return {rule['name'] for rule in rules if rule}
 
     def values(self, executables: Sequence[str]) -> dict[str, Values]:
         """
-        Return the parameters of nodes by these arguments, the last value of each, by executable.
+        Return the parameters by executable, the last value of each.
 
         Raises
         ------
         UsageError
             For a parameter or a file that concerns none of the nodes.
         CtcError
-            For a file that is none.
+            For a file that is no parameter file.
 
         """
         remaps: dict[str, str] = {}
-        for flag, rule in pairwise(self.rest):
+        for flag, rule in pairwise(self.for_ros):
             if flag in ('-r', '--remap'):
-                left, _, right = rule.partition(':=')
-                remaps.setdefault(left.rpartition(':')[2], right)  # The first one wins in ROS.
-        namespace = '/' + remaps.get('__ns', '').strip('/')
-        names = {x: remaps.get('__node', remaps.get('__name', x)) for x in executables}
-        found: dict[str, Values] = {executable: {} for executable in executables}
-        for flag, text in self.sources:
-            given = (_in_file(Path(text), namespace, names) if flag == _FILE
-                     else _assigned(f'{flag} {text}', text, names))
-            for executable, values in given.items():
-                found[executable] |= values
-        return found
+                origin, _, target = rule.partition(':=')
+                remaps.setdefault(origin.rpartition(':')[2], target)  # The first one wins in ROS.
+        namespace = remaps.get('__ns', '').strip('/')
+        nodes = {x: remaps.get('__node', remaps.get('__name', x)) for x in executables}
+        merged: dict[str, Values] = {executable: {} for executable in executables}
+        for flag, text in self.parameters:
+            values = (_read_file(Path(text), f'/{namespace}', nodes) if flag == _FILE
+                      else _read_rule(f'{flag} {text}', text, nodes))
+            for executable in values:
+                merged[executable] |= values[executable]
+        return merged
 
 
-def _in_file(file: Path, namespace: str, names: Mapping[str, str]) -> dict[str, Values]:
+def _read_file(file: Path, namespace: str, nodes: Mapping[str, str]) -> dict[str, Values]:
     """
-    Return what a file has for the nodes called `names`, by executable.
+    Return the values that nodes take from a file, by executable.
 
-    A section without a namespace is for that node in any namespace.
+    A section without a namespace is for that node in any namespace. `nodes` has the names of the
+    nodes by executable.
     """
     if not os.path.exists(file):  # noqa: PTH110 - A name may be too long for a system.
         raise UsageError(f'{_FILE} {file}: there is no such file')
-    found: dict[str, Values] = {}
-    everything = parameter_file.full_sections(file)
-    for executable, node in names.items():
-        sections: dict[str, Values] = {}
-        for name, values in everything.items():
-            pattern = re.escape(name).replace(r'/\*\*', r'(/\w+)*').replace(r'\*', r'\w+')
-            if re.fullmatch(pattern, f'{namespace.rstrip("/")}/{node}') or name == f'/{node}':
-                wild = '*' in name.rsplit('/', 1)[1]
-                sections.setdefault(
-                    parameter_file.EVERY_NODE if wild else executable, {}).update(values)
-        if sections:
-            found[executable] = parameter_file.node_values(sections, executable, str(file))
-    if not found:
-        raise UsageError(f'{_FILE} {file}: no section is for {" or ".join(names.values())} in '
-                         f'namespace {namespace}; there is '
-                         + ', '.join(everything))
-    return found
+    sections = parameter_file.full_sections(file)
+    values: dict[str, Values] = {}
+    for executable, node in nodes.items():
+        full_name = f'{namespace.rstrip("/")}/{node}'
+        of_node: dict[str, Values] = {}
+        for section, content in sections.items():
+            pattern = re.escape(section).replace(r'/\*\*', r'(/\w+)*').replace(r'\*', r'\w+')
+            if section == f'/{node}' or re.fullmatch(pattern, full_name):
+                wild = '*' in section.rpartition('/')[2]
+                of_node.setdefault(
+                    parameter_file.EVERY_NODE if wild else executable, {}).update(content)
+        if of_node:
+            values[executable] = parameter_file.node_values(of_node, executable, str(file))
+    if not values:
+        raise UsageError(
+            f'{_FILE} {file}: no section is for {" or ".join(nodes.values())} in namespace '
+            f'{namespace}; there is {", ".join(sections)}')
+    return values
 
 
-def _assigned(where: str, rule: str, names: Mapping[str, str]) -> dict[str, Values]:
-    """Return what ``-p`` gives to the nodes called `names`, by executable."""
+def _read_rule(argument: str, rule: str, nodes: Mapping[str, str]) -> dict[str, Values]:
+    """Return the value that nodes take from ``-p``, by executable."""
     match = _RULE.fullmatch(rule)
     if match is None:
-        raise UsageError(f'{where}: this is not NAME:=VALUE, nor NODE:NAME:=VALUE')
+        raise UsageError(f'{argument}: this is not NAME:=VALUE, nor NODE:NAME:=VALUE')
     node, name, text = match.groups()
-    asked = {x: (*NODES[x].parameters(), *parameter_file.OF_ROS)
-             for x in names if node in (None, names[x])}
-    if not asked:
-        raise UsageError(f'{where}: no node is called {node} here; ' + ' | '.join(names.values()))
-    known = {x for parameters in asked.values() for x in parameters}
-    if name not in known:
-        raise UsageError(f'{where}: {" | ".join(asked)}: no parameter of this name'
-                         + (suggest(name, known) or '; ctc parameters lists them'))
+    declared = {x: {*NODES[x].parameters(), *parameter_file.OF_ROS}
+                for x in nodes if node in (None, nodes[x])}
+    if not declared:
+        raise UsageError(
+            f'{argument}: no node is called {node} here; {" | ".join(nodes.values())}')
+    owners = [x for x in declared if name in declared[x]]
+    if not owners:
+        hint = suggest(name, set().union(*declared.values())) or '; ctc parameters lists them'
+        raise UsageError(f'{argument}: {" | ".join(declared)}: no parameter of this name{hint}')
     try:
         value = parse_value(text)
     except CtcError as error:
-        raise UsageError(f'{where}: {error}') from None
-    return {x: {name: value} for x, parameters in asked.items() if name in parameters}
+        raise UsageError(f'{argument}: {error}') from None
+    return {x: {name: value} for x in owners}
 
 
 def parse(arguments: Sequence[str]) -> tuple[list[str], RosArguments]:
@@ -149,41 +152,41 @@ def parse(arguments: Sequence[str]) -> tuple[list[str], RosArguments]:
 
     Returns
     -------
-    own : list of str
-        The program's own arguments.
+    for_program : list of str
+        Arguments of the program itself.
     ros : RosArguments
-        Those between ``--ros-args`` and ``--`` or the end.
+        Arguments between ``--ros-args`` and ``--`` or the end.
 
     """
-    own: list[str] = []
-    rest: list[str] = []
-    sources: list[tuple[str, str]] = []
-    words, into = iter(arguments), own
+    for_program: list[str] = []
+    for_ros: list[str] = []
+    parameters: list[tuple[str, str]] = []
+    words, target = iter(arguments), for_program
     for word in words:
         if word == '--ros-args':
-            into = rest
-        elif into is own or word not in ('-p', '--param', _FILE, '--'):
-            into.append(word)
-        elif word == '--':
-            into = own
+            target = for_ros
+        elif target is for_ros and word == '--':
+            target = for_program
+        elif target is for_ros and word in ('-p', '--param', _FILE):
+            parameters.append((word, next(words, '')))
         else:
-            sources.append((word, next(words, '')))
-    return own, RosArguments(tuple(sources), tuple(rest))
+            target.append(word)
+    return for_program, RosArguments(tuple(parameters), tuple(for_ros))
 
 
 def bringup_values(ros: RosArguments) -> dict[str, Values]:
     """
-    Return what arguments for all nodes of the graph say, by executable.
+    Return the parameters for all nodes of the graph, by executable.
 
     Raises
     ------
     CtcError
-        For what is wrong with a parameter.
+        For a parameter that is not allowed.
     UsageError
-        For what would rename nodes, or concerns none of them.
+        For a remap that would rename nodes, or a parameter that concerns none of them.
 
     """
-    if any(re.match(r'__(node|name):=|\w+:__', word) for word in ros.rest):
+    if any(re.match(r'__(node|name):=|\w+:__', word) for word in ros.for_ros):
         raise UsageError('-r __node:=… and a namespace for one node only are not possible here: '
                          'the nodes would not find each other; -r __ns:=… is for all')
     return ros.values(list(NODES))

@@ -46,7 +46,7 @@ _LEAVE_TIMEOUT_S = 0.3
 def run(make_node: Callable[[], BaseNode], name: str, arguments: Sequence[str],
         stop: Sequence[int]) -> int:
     """
-    Run a node until it is done, or a signal comes.
+    Run a node until it is done or stopped.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Bounded spins of a node, and its turns between messages.
+Bounded spins of a node, and turns between them.
 
 `run` of `ros/run_node.py` calls `spin_until_stopped`. It ends when the node is done, or a signal
 has come.
@@ -90,7 +90,7 @@ class SpinningNode(Node):
         self.done.add_done_callback(lambda _: self._leave_spin())
 
     def _take_turn(self) -> None:
-        """Take a turn, and end the spin when a signal has come."""
+        """Take a turn, and end the spin after a signal."""
         if self.stop and not self.done.done():
             self.done.set_result(None)
         elif self.lockstep:

@@ -270,7 +270,7 @@ class ValidatedSubscription(Generic[T]):
         return message
 
     def reject(self, rejected: RejectedMessage) -> None:
-        """Count a rejected message, and log the reason once a second."""
+        """Count a rejected message, and log the reason."""
         self.rejected[rejected.kind] += 1
         if str(rejected):
             self._node.get_logger().warning(

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The right to command a topic: one matched publisher has it.
+The right to command a topic, of one publisher.
 
 Each subscription of `ros/subscription.py` has one `TopicOwnership`, and tells it how many
 publishers the middleware has matched. No clock is read here.
@@ -47,11 +47,11 @@ class TopicOwnership:
 
     @property
     def contested(self) -> bool:
-        """True while there are several publishers."""
+        """Return whether there are several publishers."""
         return self.publishers > 1
 
     def update(self, publishers: int, now: int) -> None:
-        """Take the number of publishers at `now`, by the system's clock [ns]."""
+        """Take the publishers' number at `now` [ns]."""
         if self.contested:
             self._contested_until = now
         self.publishers = publishers

@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Topics of the graph by name, type and reader, and joints of messages by name."""
+"""
+Topics of the graph with their types and readers, and the joints of a message by name.
+
+Nodes and the live page take the names from here, the recorder all of `TOPICS`. `select` puts the
+values of a message into the order of a node's joints.
+"""
 
 from __future__ import annotations
 
@@ -26,23 +31,27 @@ JOINT_STATES = 'joint_states'
 COMMANDS = 'effort_controller/commands'
 REFERENCE = 'reference'
 CLOCK = 'clock'
-#: Topic under ``~/`` of the reference: waypoints to go through.
+#: Topic under ``~/`` of the reference, for waypoints.
 JOINT_TRAJECTORY = 'joint_trajectory'
-#: Where every node of a system says how it is; an absolute name, as ROS has it.
+#: Reports of all nodes of a system. The name is absolute, as in ROS.
 DIAGNOSTICS = '/diagnostics'
-#: Where a robot's URDF (or MJCF) is published once for all; the controller says again under
-#: ``~/`` which one it uses.
+#: Description of the robot, URDF or MJCF, published once for all. Under ``~/`` of the controller
+#: it is the one in use.
 ROBOT_DESCRIPTION = 'robot_description'
-#: Topics under ``~/`` of the controller.
-TRACKING, FILTER, TORQUES = 'tracking', 'filter', 'torques'
-#: Topic under ``~/`` of plant, controller and reference: the parameters in force.
+#: Topic under ``~/`` of the controller: desired motion and error.
+TRACKING = 'tracking'
+#: Topic under ``~/`` of the controller: filtered error v.
+FILTER = 'filter'
+#: Topic under ``~/`` of the controller: terms of the torque.
+TORQUES = 'torques'
+#: Topic under ``~/`` of plant, controller and reference: parameters in force.
 PARAMETERS = 'parameters'
 
 
 @dataclasses.dataclass(frozen=True)
 class Topic:
     """
-    One topic as the recorder sees it.
+    Topic as the recorder sees it.
 
     Attributes
     ----------
@@ -51,10 +60,10 @@ class Topic:
     readers : tuple of str
         Our own nodes that subscribe to it.
     latched : bool
-        Whether a late subscriber gets the messages sent before.
+        Whether a late subscriber gets the earlier messages.
     depth : int
-        Messages that its publisher keeps for a reader that is stopped: a second of them and more,
-        for the recorder.
+        Messages that its publisher keeps for a stopped reader, such as a recorder: a second of
+        them and more.
 
     """
 

@@ -33,7 +33,11 @@ from ctc_chattering.numerics.time_grid import seconds
 Point = tuple[Vector, Vector, Vector]
 
 #: Polynomials by the number of rows that both ends of a segment have.
-_POLYNOMIALS: dict[int, Callable[..., Any]] = {1: linear, 2: cubic, 3: quintic}
+_POLYNOMIALS: dict[int, Callable[..., Any]] = {
+    1: linear,
+    2: cubic,
+    3: quintic,
+}
 
 
 def interpolate(t: int, times: Sequence[int], points: Sequence[Point], i: int) -> Point:
@@ -47,7 +51,9 @@ def interpolate(t: int, times: Sequence[int], points: Sequence[Point], i: int) -
     rows = min(sum(map(bool, start)), sum(map(bool, goal)))
     h = seconds(times[i] - times[i - 1])
     s = seconds(t - times[i - 1]) / h
-    joints = [_POLYNOMIALS[rows](s, h, *ends) for ends in zip(*start[:rows], *goal[:rows])]
+    polynomial = _POLYNOMIALS[rows]
+    ends = zip(*start[:rows], *goal[:rows])
+    joints = [polynomial(s, h, *end_values) for end_values in ends]
     return tuple(zip(*joints))  # type: ignore[return-value]
 
 
@@ -131,7 +137,9 @@ class Trajectory:
 
     def overdue(self, t: int) -> bool:
         """Return whether the next chunk is late at `t` [ns]."""
-        return bool(self._times) and t > self._times[-1] + self.grace and not self.ends_at_rest
+        if not self._times or self.ends_at_rest:
+            return False
+        return t > self._times[-1] + self.grace
 
     def extend(self, times: Sequence[int], points: Sequence[Point]) -> None:
         """
@@ -157,7 +165,8 @@ class Trajectory:
     def forget(self, t: int) -> None:
         """Drop the points not needed from `t` [ns] on."""
         count = max(0, bisect_right(self._times, t) - 1)
-        del self._times[:count], self._points[:count]
+        del self._times[:count]
+        del self._points[:count]
 
     def limit(self, max_count: int) -> None:
         """Keep the last `max_count` points."""
@@ -177,5 +186,6 @@ class Trajectory:
         q, dq, _ = self._points[-1]
         h = seconds(min(lateness, self.grace))
         zeros = (0.0,) * len(q)
-        return (tuple(x + h * v for x, v in zip(q, dq)),
-                dq if lateness <= self.grace else zeros, zeros)
+        q = tuple(x + h * v for x, v in zip(q, dq))
+        dq = dq if lateness <= self.grace else zeros
+        return q, dq, zeros

@@ -50,12 +50,14 @@ class JointLimits(NamedTuple):
     def violation(self, quantity: str, values: Sequence[float]) -> str:
         """Describe how far values exceed a limit, if they do."""
         lower, upper = getattr(self, quantity)
+        lowest, highest = min(values), max(values)
         excess, value, limit, side = max(
-            (max(values) - upper, max(values), upper, 'above its upper'),
-            (lower - min(values), min(values), lower, 'below its lower'))
+            (highest - upper, highest, upper, 'above its upper'),
+            (lower - lowest, lowest, lower, 'below its lower'))
         scale = 1.0 if quantity == 'position' else abs(limit)
         if excess > TOLERANCE * scale:
-            return (f'{self.name}: {quantity} {value:.4g} {self.unit}{_PER_TIME[quantity]}, '
+            unit = self.unit + _PER_TIME[quantity]
+            return (f'{self.name}: {quantity} {value:.4g} {unit}, '
                     f'{excess:.3g} {side} limit of {limit:.4g}')
         return ''
 
@@ -87,7 +89,7 @@ def _joint_limits(name: str, joint: Joint | None) -> JointLimits:
         return JointLimits(name)
     return JointLimits(
         name,
-        'm' if joint.kind == 'prismatic' else 'rad',
+        joint.position_unit,
         joint.position,
         (-joint.velocity, joint.velocity),
         (-joint.acceleration, joint.acceleration),
@@ -96,8 +98,11 @@ def _joint_limits(name: str, joint: Joint | None) -> JointLimits:
 
 def limit_speed(limits: Sequence[JointLimits], speed: float) -> list[JointLimits]:
     """Return limits with a lower speed [rad/s or m/s]."""
-    return [joint._replace(velocity=(
-        max(joint.velocity[0], -speed), min(joint.velocity[1], speed))) for joint in limits]
+    slower = []
+    for joint in limits:
+        lower, upper = joint.velocity
+        slower.append(joint._replace(velocity=(max(lower, -speed), min(upper, speed))))
+    return slower
 
 
 def describe_violations(limits: Sequence[JointLimits], points: Iterable[Point]) -> str:

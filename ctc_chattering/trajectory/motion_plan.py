@@ -186,14 +186,14 @@ class MotionPlan:
         past = bisect_right(route.times, begin)
         passage = self._join(route, past, motion, begin, state) if past else motion
         self.motion = Transition(present, passage, begin, 0.0)
-        turned = [name for i, name in enumerate(route.names) if any(
-            a[0][i] != b[0][i] for a, b in zip(route.points, requested.points))]
-        return Followed(len(route.points), past, max(last, passage.end), tuple(turned))
+        end = max(last, passage.end)
+        return Followed(len(route.points), past, end, _turned_joints(requested, route))
 
     def _join(self, route: Route, past: int, motion: Waypoints, begin: int, state: Point
               ) -> Waypoints | Transition:
         """Return the way into waypoints that are partly past."""
-        speeds = [abs(v) for point in (*motion.extremes(), state) for v in point[1]]
+        points = [*motion.extremes(), state]
+        speeds = [abs(v) for _, dq, _ in points for v in dq]
         limits = self.limits or list(map(JointLimits, route.names))
         limits = limit_speed(limits, max(_MAX_HASTE * max(speeds), _GENTLE_SPEED))
         if past < len(route.points):
@@ -239,6 +239,16 @@ class MotionPlan:
         self._shape = _shape(self.config)
         self.in_force = begin
         return True
+
+
+def _turned_joints(requested: Route, route: Route) -> tuple[str, ...]:
+    """Return the joints that are at another turn than requested."""
+    names = []
+    for i, name in enumerate(route.names):
+        pairs = zip(requested.points, route.points)
+        if any(wish[0][i] != point[0][i] for wish, point in pairs):
+            names.append(name)
+    return tuple(names)
 
 
 def _shape(config: ReferenceConfig) -> tuple[tuple[float, ...], ...]:

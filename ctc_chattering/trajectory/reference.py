@@ -58,6 +58,8 @@ import numpy as np
 
 #: Position [rad] and velocity [rad/s] of the robot by joint.
 RobotState = Mapping[str, tuple[float, float]]
+#: The same, hashable.
+StateItems = tuple[tuple[str, tuple[float, float]], ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,7 +107,10 @@ class JointSinusoid(NamedTuple):
         center, amplitude, omega, phase = self
         angle = omega * s + phase
         x = amplitude * sin(angle)
-        return JointPoint(center + x, omega * amplitude * cos(angle), -omega * omega * x)
+        return JointPoint(
+            center + x,
+            omega * amplitude * cos(angle),
+            -omega * omega * x)
 
     def extreme(self, sign: float) -> JointPoint:
         """Return the greatest (sign 1) or least values."""
@@ -125,7 +130,10 @@ class JointTrapezoid(JointSinusoid):
         moves, angle = divmod(slow * s + self.phase, 2.0 * pi)
         size = -self.amplitude if moves % 2.0 else self.amplitude
         x, v, a = _unit_move(angle)
-        return JointPoint(self.center + size * x, slow * size * v, slow * slow * size * a)
+        return JointPoint(
+            self.center + size * x,
+            slow * size * v,
+            slow * slow * size * a)
 
 
 def _unit_move(angle: float) -> JointPoint:
@@ -158,14 +166,17 @@ class Sinusoid:
 
     def extremes(self) -> list[Point]:
         """Return the greatest and least values of every joint."""
-        return [
-            tuple(zip(*(joint.extreme(sign) for joint in self._joints)))  # type: ignore[misc]
-            for sign in (1.0, -1.0)]
+        points = []
+        for sign in (1.0, -1.0):
+            joints = [joint.extreme(sign) for joint in self._joints]
+            points.append(tuple(zip(*joints)))
+        return points  # type: ignore[return-value]
 
     def at(self, t: int) -> Point:
         """Return q_d, dq_d and ddq_d at `t` [ns]."""
         s = seconds(t if type(t) is int else whole('t', t))
-        q_d, dq_d, ddq_d = map(list, zip(*(joint.at(s) for joint in self._joints)))
+        joints = [joint.at(s) for joint in self._joints]
+        q_d, dq_d, ddq_d = map(list, zip(*joints))
         return q_d, dq_d, ddq_d
 
 
@@ -283,8 +294,8 @@ def _start_smoothly(make: Callable[[float], Transition], config: ReferenceConfig
 
 
 def reference_table(config: ReferenceConfig, route: Route | None,
-                    start: tuple[tuple[str, tuple[float, float]], ...], joints: tuple[str, ...],
-                    period: int, count: int, continuous: tuple[bool, ...] = ()) -> Array:
+                    start: StateItems, joints: tuple[str, ...], period: int, count: int,
+                    continuous: tuple[bool, ...] = ()) -> Array:
     """
     Return samples of the desired motion, shape (count, 3, n).
 
@@ -316,9 +327,8 @@ def reference_table(config: ReferenceConfig, route: Route | None,
 
 
 @lru_cache(128)
-def _profile_table(config: ReferenceConfig, start: tuple[tuple[str, tuple[float, float]], ...],
-                   order: tuple[int, ...], period: int, count: int, continuous: tuple[bool, ...]
-                   ) -> Array:
+def _profile_table(config: ReferenceConfig, start: StateItems, order: tuple[int, ...],
+                   period: int, count: int, continuous: tuple[bool, ...]) -> Array:
     """Return samples of a profile, which many runs share."""
     motion = make_motion(config, None, dict(start), continuous=continuous)
     if not isinstance(motion, Transition):
@@ -333,7 +343,8 @@ def _profile_table(config: ReferenceConfig, start: tuple[tuple[str, tuple[float,
 
 def _sample(motion: TimedMotion, order: Sequence[int], period: int, count: int) -> Array:
     """Return samples of a motion, its joints in order."""
-    rows = np.array([motion.at(k * period) for k in range(count)]).reshape(count, 3, -1)
+    points = [motion.at(k * period) for k in range(count)]
+    rows = np.array(points).reshape(count, 3, -1)
     # In the order of rows, in which the loop is compiled: for another one it would be once more.
     table: Array = np.ascontiguousarray(rows[:, :, list(order)])
     return table

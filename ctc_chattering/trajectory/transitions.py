@@ -94,8 +94,9 @@ def braking(t0: int, start: Point, duration: float) -> Waypoints:
     # fourth order at the most, and a cubic without a first acceleration.
     q, dq, ddq = np.array(start)
     zeros = np.zeros_like(q)
-    goal = as_point(q + duration * (0.5 * dq + duration * ddq / 12.0), zeros, zeros)
-    return Waypoints([t0 + round(duration * NANOSECONDS)], [goal], (t0, start))
+    distance = duration * (0.5 * dq + duration * ddq / 12.0)
+    end = t0 + round(duration * NANOSECONDS)
+    return Waypoints([end], [as_point(q + distance, zeros, zeros)], (t0, start))
 
 
 class Stop:
@@ -132,12 +133,17 @@ class Stop:
         """Return the point at `t` [ns]."""
         if t <= self.t0:
             return self._path.at(t)
-        s = seconds(min(t, self.end) - self.t0) / self._span
+        duration = min(t, self.end) - self.t0
+        s = seconds(duration) / self._span
         elapsed = self._span * (s - s ** 3 + 0.5 * s ** 4)
         rate = 1.0 - s * s * (3.0 - 2.0 * s)
         rate_change = 6.0 * s * (s - 1.0) / self._span
-        q, dq, ddq = np.array(self._path.at(self.t0 + round(elapsed * NANOSECONDS)))
-        return as_point(q, rate * dq, rate * rate * ddq + rate_change * dq)
+        t_on_path = self.t0 + round(elapsed * NANOSECONDS)
+        q, dq, ddq = np.array(self._path.at(t_on_path))
+        return as_point(
+            q,
+            rate * dq,
+            rate * rate * ddq + rate_change * dq)
 
 
 class Transition:
@@ -187,7 +193,9 @@ class Transition:
         shift = np.array(self.target.at(t)) - origin
         q, dq, ddq = origin + w * shift
         return as_point(
-            q, dq + dw * shift[0], ddq + 2.0 * dw * shift[1] + ddw * shift[0])
+            q,
+            dq + dw * shift[0],
+            ddq + 2.0 * dw * shift[1] + ddw * shift[0])
 
 
 def smooth_start(motion: TimedMotion, t0: int, start: Point, duration: float) -> Transition:
@@ -228,7 +236,8 @@ def sample_passage(passage: Passage) -> list[Point]:
     """Return points of a passage to check limits."""
     t0, end = passage.t0, passage.end
     step = max(_CHECK_STEP_NS, (end - t0) // _MAX_CHECKS)
-    return [passage.at(t) for t in (*range(t0, end, step), end)]
+    instants = [*range(t0, end, step), end]
+    return [passage.at(t) for t in instants]
 
 
 def shortest_duration(make: Callable[[float], Passage], duration: float,

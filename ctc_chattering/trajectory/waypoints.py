@@ -70,9 +70,12 @@ class Waypoints:
                  start: tuple[int, Point] | None = None) -> None:
         self._points = _check_points(times, points)
         self._times = list(times)
-        if start is not None and whole('start', start[0]) < self._times[0]:
-            self._times.insert(0, start[0])
-            self._points.insert(0, check_point('start', start[1], len(self._points[0][0])))
+        if start is not None:
+            t, state = start
+            n = len(self._points[0][0])
+            if whole('start', t) < self._times[0]:
+                self._times.insert(0, t)
+                self._points.insert(0, check_point('start', state, n))
 
     @property
     def end(self) -> int:
@@ -83,8 +86,9 @@ class Waypoints:
         """Return points of every segment to check limits."""
         points = []
         for begin, end in pairwise(self._times):
-            points += [self.at(begin + (end - begin) * k // _CHECKS_PER_SEGMENT)
-                       for k in range(_CHECKS_PER_SEGMENT)]
+            for k in range(_CHECKS_PER_SEGMENT):
+                t = begin + (end - begin) * k // _CHECKS_PER_SEGMENT
+                points.append(self.at(t))
         return [*points, self.at(self.end)]
 
     def at(self, t: int) -> Point:
@@ -158,10 +162,11 @@ class Route(NamedTuple):
             return self._replace(points=points)
         begin, state = start
         i = min(bisect_right(self.times, begin), len(points) - 1)
-        (reached,) = follow_turns([self.times[i]], [points[i]], continuous, begin, state)
-        turns = list(map(turns_to, points[i][0], reached[0]))
-        return self._replace(points=[
-            (tuple(map(turned, q, turns)), dq, ddq) for q, dq, ddq in points])
+        target = points[i]
+        (reached,) = follow_turns([self.times[i]], [target], continuous, begin, state)
+        turns = list(map(turns_to, target[0], reached[0]))
+        points = [(tuple(map(turned, q, turns)), dq, ddq) for q, dq, ddq in points]
+        return self._replace(points=points)
 
 
 def check_names(names: Sequence[str], needed: Sequence[str]) -> None:
@@ -182,9 +187,10 @@ def _check_points(times: Sequence[int], points: Sequence[Point], n: int = 0) -> 
     for i, (t, point) in enumerate(zip(times, points)):
         result.append(check_point(f'points[{i}]', point, n))
         n = n or len(result[0][0])
-        if i and whole(f'times[{i}]', t) <= times[i - 1]:
+        previous = times[i - 1]
+        if i and whole(f'times[{i}]', t) <= previous:
             raise ParameterError(f'points[{i}].time_from_start', seconds(t),
-                                 f'more than that of the point before, {seconds(times[i - 1])} s')
+                                 f'more than that of the point before, {seconds(previous)} s')
     return result
 
 

@@ -194,7 +194,7 @@ def test_the_file_has_the_gains_that_compare_and_tune_recommend(
     setup = parameter_file.load(None, told(tmp_path, **values).values)
     expected, config = gains_by_rule(setup, 'observer_feedback'), setup.controller
     assert (config.law, config.kp, config.kv, config.estimator_bandwidth) == (
-        expected['law'], expected['kp'], expected['kv'], expected['estimator_bandwidth'])
+        'observer_feedback', expected['kp'], expected['kv'], expected['estimator_bandwidth'])
 
 
 def test_a_resonance_lowers_the_pole(tmp_path: Path) -> None:

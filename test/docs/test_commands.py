@@ -113,7 +113,8 @@ def test_commands_of_this_package_are_ones(line: Line) -> None:
         return
     own, ros = ros_arguments.parse(arguments)
     (bringup_parser() if name == 'bringup' else node_parser(name)).parse_args(own)
-    ros._replace(sources=tuple(x for x in ros.sources if x[0] != '--params-file')).values([name])
+    rules = tuple(x for x in ros.parameters if x[0] != '--params-file')
+    ros._replace(parameters=rules).values([name])
 
 
 def test_commands_are_written_as_all_users_have_them() -> None:

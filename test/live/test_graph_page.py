@@ -147,7 +147,7 @@ def test_shows_which_node_has_ended_and_which_is_back(
         assert page.get_by_role('button', name='push').count() == 0
         for name, topic in (('controller', 'controller/tracking'), ('reference', 'reference')):
             (child,) = (x for x in graph.children if x.name == name and x.status is None)
-            child.signal(signal.SIGKILL)
+            child.process.send_signal(signal.SIGKILL)
             eventually(partial(mentions, page, f'{topic}: silent for'),
                        f'the end of {name}', page)
             assert level(page) == 2
@@ -157,7 +157,7 @@ def test_shows_which_node_has_ended_and_which_is_back(
         page.goto(url)
         eventually(partial(shows_numbers, page), 'the page again', page)
         for child in graph.children:
-            child.signal(signal.SIGINT)
+            child.process.send_signal(signal.SIGINT)
         eventually(lambda: 'plant: ended at' in page.locator('#ended').inner_text(),
                    'how the graph has ended', page)
         assert re.search('controller: ended at .*: SIGINT', page.locator('#ended').inner_text())

@@ -26,7 +26,7 @@ from typing import Any
 from ctc_chattering.live.graph_reader import Track
 from ctc_chattering.live.health import Light, light, NodeReport, SIGNALS, SIGNS
 from ctc_chattering.live.page_socket import PageSocket, word
-from ctc_chattering.live.server import BURST, Pace, paced, RATE
+from ctc_chattering.live.server import BURST, paced, RATE
 import numpy as np
 import pytest
 from stopwatch import PATIENCE
@@ -223,16 +223,6 @@ def test_a_page_that_does_not_read_loses_samples_and_holds_up_nobody() -> None:
                 got += 1
             assert 0 < got < 400
     check(steps)
-
-
-def test_a_page_that_is_used_waits_for_nothing_and_one_that_floods_does() -> None:
-    pace = Pace()
-    # A slider or a camera that is moved for ten seconds.
-    assert [pace.delay(50.0 + k / 60.0) for k in range(600)] == [0.0] * 600
-    pace, now = Pace(), 50.0
-    for _ in range(1000):
-        now += pace.delay(now)
-    assert now - 50.0 == pytest.approx((1000 - BURST) / RATE, rel=1e-3)
 
 
 def test_no_more_is_taken_of_a_page_than_a_user_sends() -> None:

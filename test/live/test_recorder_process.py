@@ -56,7 +56,7 @@ def test_records_until_it_is_stopped_and_tells_of_a_death(
         wait_for(ended, 'the refusal')
         it.start()
         assert it._child is not None
-        it._child.signal(signal.SIGKILL)
+        it._child.process.send_signal(signal.SIGKILL)
         wait_for(ended, 'the death')
     expected = (
         (True, ''), (False, f'is recording already: {folder}/run'), (True, f'{folder}/run, '),

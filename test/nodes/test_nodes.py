@@ -16,33 +16,26 @@
 
 from __future__ import annotations
 
-from array import array
-from collections.abc import Sequence
-import itertools
 import math
 from pathlib import Path
 import signal
-import time
 
-from builtin_interfaces.msg import Duration
-from controller_process import ControllerUnderTest, ReferenceUnderTest
+from controller_process import ControllerUnderTest
 from ctc_chattering.configuration.node_parameters import NODES as CONFIGS
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
-from faults import Diagnostics, ERROR
-import numpy as np
+from faults import Diagnostics
 from processes import interrupt, probe
 import pytest
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from ros_messages import COMMANDS, MS, ns, reference, stamp, state, torques
+from ros_messages import COMMANDS, MS, reference, stamp, state, torques
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from urdfs import two_links
 
 pytestmark = pytest.mark.ros
@@ -230,89 +223,3 @@ def test_the_plant_in_lockstep_takes_torques_by_label_and_holds_time() -> None:
         assert plant.status == 1
         assert [x for x in it.lines if 'the motion of the plant diverged at t = ' in x] == (
             it.lines[-1:])
-
-
-def route(*points: tuple[float, Sequence[float], Sequence[float]]) -> JointTrajectory:
-    """Return waypoints as MoveIt sends them: time [s], positions, and velocities, if any."""
-    return JointTrajectory(joint_names=['joint2', 'joint1'], points=[
-        JointTrajectoryPoint(
-            positions=array('d', q[::-1]), velocities=array('d', dq[::-1]),
-            time_from_start=Duration(sec=int(t), nanosec=round(t % 1 * S)))
-        for t, q, dq in points])
-
-
-def test_the_reference_is_ahead_of_the_clock_and_goes_on_without_a_jump() -> None:
-    """
-    A sinusoid, another one that is set parameter by parameter, then waypoints.
-
-    The motion goes through every waypoint and rests at the last one; what is refused is counted,
-    and moves nothing.
-    """
-    h = 10 * MS
-    first = ReferenceConfig(phase=(0.3, 0.4), control_period=1e-2)
-    other = first.changed({
-        'amplitude': (0.2, 0.9), 'center': (1.0, -1.0), 'frequency': (0.4, 1.7)})
-    with probe() as it:
-        reports = Diagnostics(it)
-        waypoints = it.node.create_publisher(JointTrajectory, 'reference/joint_trajectory', 10)
-        node = ReferenceUnderTest(it, '-p', 'phase:=[0.3, 0.4]', '-p', 'control_period:=0.01')
-        it.until(waypoints.get_subscription_count, 'the reference')
-        node.run_to(S)
-        for t, point in node.points.items():
-            assert [[*x] for x in (point.positions, point.velocities, point.accelerations)] == [
-                [*x] for x in Sinusoid(first).at(t)]
-        for name in ('amplitude', 'center', 'frequency'):
-            assert it.set('reference', name, list(getattr(other, name))).successful
-        assert not it.set('reference', 'frequency', [-1.0, 1.0]).successful
-        node.run_to(6 * S)
-        times = sorted(node.points)
-        assert times == list(range(0, times[-1] + 1, h))
-        last = node.points[times[-1]]
-        assert list(last.positions) == list(Sinusoid(other).at(times[-1])[0])
-
-        begun, a, b = node.now, (0.7, -0.9), (0.5, -0.5)
-        waypoints.publish(route((3.0, a, (0.1, 0.2)), (4.0, b, (0.0, 0.0))))
-        for wrong in (JointTrajectory(joint_names=['joint1', 'elbow']), route((-1.0, a, ())),
-                      route((0.2, (1.0, math.nan), ())), route((0.2, (1.0, 1.0), (1.0,)))):
-            waypoints.publish(wrong)
-        refused = '~/joint_trajectory'
-        report = reports.until(
-            'reference', lambda r: sum(r.refused(refused).values()) == 4, 'the refusals')
-        assert report.refused(refused) == {'waypoints': 4}
-
-        def rests() -> bool:
-            node.run_to(node.now + 200 * MS)
-            return tuple(node.points[max(node.points)].positions) == b
-        it.until(rests, 'the end of the waypoints')
-        points = [p for t, p in sorted(node.points.items()) if t >= begun]
-        desired = np.array([p.positions for p in points])
-        assert np.abs(np.diff(desired, axis=0)).max() < 0.1  # Pure tests have what is between.
-        end = int(np.flatnonzero((desired != b).any(axis=1))[-1]) + 1
-        assert desired[end - 100] == pytest.approx(a, abs=1e-6)
-
-
-def test_the_reference_follows_the_time_of_the_states_where_there_is_no_clock() -> None:
-    """
-    As of a simulator that publishes none: it begins where the robot is.
-
-    States with stamps of other times do not begin it.
-    """
-    with probe() as it:
-        reports, chunks = Diagnostics(it), it.listen(JointTrajectory, 'reference')
-        states = it.node.create_publisher(JointState, 'joint_states', 10)
-        it.start('reference', '-p', 'start_duration:=2.0')
-        count, begin = itertools.count(), time.monotonic_ns()
-
-        def sent(t: int) -> bool:
-            states.publish(state(t, joint1=(0.4, 0.0), joint2=(-0.3, 0.0)))
-            return True
-        it.until(states.get_subscription_count, 'the reference')
-        it.until(lambda: sent(next(count) * 10 ** 6 * S)
-                 and time.monotonic_ns() - begin > 2 * S, 'states of other times')
-        assert chunks == []
-        it.until(lambda: sent(5 * S + time.monotonic_ns() - begin) and chunks, 'the motion')
-        assert 5 * S < ns(chunks[0].header.stamp) < 5 * S + time.monotonic_ns() - begin
-        assert list(chunks[0].points[0].positions) == pytest.approx([0.4, -0.3], abs=0.02)
-        report = reports.next('reference')
-        assert report.level != ERROR  # A busy computer is a warning.
-        assert report.values['time'] == 'real'

@@ -49,7 +49,7 @@ def test_killed_nodes_started_again_heal_the_graph() -> None:
 
         it.until(moved, 'motion')
         for victim in arguments:
-            children[victim].signal(signal.SIGKILL)
+            children[victim].process.send_signal(signal.SIGKILL)
             children[victim].process.wait(PATIENCE)
             if victim == 'controller':
                 report = diagnostics.until(

@@ -73,14 +73,14 @@ def test_what_was_heard_a_second_ago_is_kept_whatever_ends_the_recording(
             it.until(lambda: publish() and 'recorder' in reports.latest
                      and said in reports.latest['recorder'].message, 'the end of the recording')
             assert reports.next('recorder').level == ERROR
-            recorder.signal(signal.SIGINT)
+            recorder.process.send_signal(signal.SIGINT)
             assert recorder.process.wait(PATIENCE) == 1
             it.until(lambda: any(said in line for line in it.lines), 'the line')
         else:
             watch, end = Stopwatch(recorder.process.pid, os.getpid()), time.monotonic() + 2.5
             it.until(lambda: publish() and time.monotonic() > end, 'the end of some seconds')
             waited = watch.waited()
-            recorder.signal(signal.SIGKILL)
+            recorder.process.send_signal(signal.SIGKILL)
             killed = time.time()
             recorder.process.wait(PATIENCE)
     assert repair(bag) is not None
@@ -121,10 +121,10 @@ def test_what_is_dropped_is_counted_exactly_and_said(tmp_path: Path) -> None:
             return True
 
         it.until(lambda: send(1) and size(bag) > EMPTY, 'the first state')
-        child.signal(signal.SIGSTOP)
+        child.process.send_signal(signal.SIGSTOP)
         it.until(lambda: ' T ' in Path(f'/proc/{child.process.pid}/stat').read_text(), 'the stop')
         send(500)
-        child.signal(signal.SIGCONT)
+        child.process.send_signal(signal.SIGCONT)
         it.until(lambda: send(1) and 'recorder' in reports.latest
                  and reports.latest['recorder'].count('dropped') > 0, 'that it counts')
         published = next(sent)
@@ -134,7 +134,7 @@ def test_what_is_dropped_is_counted_exactly_and_said(tmp_path: Path) -> None:
             return len(found) + dropped == published - found[0]
 
         it.until(complete, 'that all is recorded or counted')
-        child.signal(signal.SIGINT)
+        child.process.send_signal(signal.SIGINT)
         assert child.process.wait(PATIENCE) == 0
         report = reports.latest['recorder']
         total = report.count('dropped')

@@ -22,7 +22,7 @@ import subprocess
 import sys
 import textwrap
 
-from ctc_chattering.ros.process import use_profile, VARIABLES
+from ctc_chattering.ros.process import PROFILE_VARIABLES, use_profile
 from domains import own_domain
 from processes import CONFIG, has_port, PATIENCE, probe, Stopwatch
 import pytest
@@ -30,17 +30,17 @@ from rclpy.utilities import get_rmw_implementation_identifier
 
 
 def test_it_is_used_unless_there_is_another_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in VARIABLES:
+    for name in PROFILE_VARIABLES:
         monkeypatch.setenv(name, 'before the test')  # To be put back afterwards.
         monkeypatch.delenv(name)
     use_profile()
-    assert os.environ[VARIABLES[0]] == str(CONFIG / 'fastdds.xml')
-    for name in VARIABLES:
-        monkeypatch.delenv(VARIABLES[0], raising=False)
+    assert os.environ[PROFILE_VARIABLES[0]] == str(CONFIG / 'fastdds.xml')
+    for name in PROFILE_VARIABLES:
+        monkeypatch.delenv(PROFILE_VARIABLES[0], raising=False)
         monkeypatch.setenv(name, 'theirs.xml')
         use_profile()
-        assert [os.environ.get(x) for x in VARIABLES] == [
-            'theirs.xml' if x == name else None for x in VARIABLES]
+        assert [os.environ.get(x) for x in PROFILE_VARIABLES] == [
+            'theirs.xml' if x == name else None for x in PROFILE_VARIABLES]
         monkeypatch.delenv(name)
 
 
@@ -50,7 +50,7 @@ def test_no_process_writes_into_the_memory_of_a_node_by_default(
     """A node that has no port in shared memory cannot be cut off from it, nor hold others up."""
     if get_rmw_implementation_identifier() != 'rmw_fastrtps_cpp':
         pytest.skip('not Fast DDS')
-    for name in VARIABLES:
+    for name in PROFILE_VARIABLES:
         monkeypatch.delenv(name, raising=False)
     with probe() as it:
         child = it.start('reference')

@@ -42,8 +42,6 @@ from ctc_chattering.ros.messages import (
 )
 from ctc_chattering.ros.topics import select
 from faults import KINDS
-from hypothesis import given
-from hypothesis import strategies as st
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
@@ -221,42 +219,3 @@ def test_a_trajectory_that_is_sent() -> None:
         (700_000_000 * k, *map(bits, point)) for k, point in enumerate(points)]
     for t in (0, -1, 1_234_567_890_123_456_789, -5 * 10 ** 9):
         assert ns(stamp(t)) == nanoseconds(stamp(t)) == t
-
-
-names_of = st.lists(st.text('abc', min_size=1, max_size=2), unique=True, max_size=6)
-
-
-@given(names_of.filter(bool), names_of, st.data())
-def test_any_names(ours: list[str], extra: list[str], data: st.DataObject) -> None:
-    """Check against a dictionary, with subsets, supersets, and other orders."""
-    theirs = data.draw(st.permutations([*ours, *(x for x in extra if x not in ours)]))
-    values = {name: float(i) for i, name in enumerate(theirs)}
-    rows = [list(values.values()), [-x for x in values.values()]]
-    assert select(ours, tuple(theirs), *rows) == [
-        tuple(values[name] for name in ours), tuple(-values[name] for name in ours)]
-    if not set(ours) <= set(extra):
-        with pytest.raises(RejectedMessage) as refusal:
-            select(ours, tuple(extra), [0.0] * len(extra))
-        assert refusal.value.kind == 'joints'
-
-
-@pytest.mark.parametrize('names', [
-    (), ('x',), ('x', 'z'), ('x', 'y', 'y'), ('x', 'y', 'z', 'z'), ('x', 'x'), ('X', 'Y')])
-def test_joints_refused(names: tuple[str, ...]) -> None:
-    """Check missing joints and any name that stands there twice."""
-    with pytest.raises(RejectedMessage, match=r"needed: each of \['x', 'y'\] once") as refusal:
-        select(('x', 'y'), names, [0.0] * len(names))
-    assert refusal.value.kind == 'joints'
-
-
-@pytest.mark.parametrize(('rows', 'kind'), [
-    (([1.0, 2.0], [1.0]), 'length'), (([1.0, 2.0, 3.0],), 'length'), (([],), 'length'),
-    (([1.0, float('nan')],), 'not_finite'), (([1.0, 2.0], [float('inf'), 0.0]), 'not_finite')])
-def test_values_refused(rows: tuple[list[float], ...], kind: str) -> None:
-    with pytest.raises(RejectedMessage) as refusal:
-        select(('x', 'y'), ('y', 'x'), *rows)
-    assert refusal.value.kind == kind
-
-
-def test_a_value_that_is_not_ours_may_be_any() -> None:
-    assert select(('y',), ('x', 'y'), [float('nan'), 5.0]) == [(5.0,)]

@@ -27,8 +27,10 @@ import sys
 from typing import Any
 
 from ctc_chattering.ros.node import BaseNode
+from ctc_chattering.ros.process import PROFILE_VARIABLES
 from ctc_chattering.ros.spinning import spin_until_stopped
 from domains import own_domain
+from processes import CONFIG
 import pytest
 import rclpy
 
@@ -58,7 +60,10 @@ class Turning(BaseNode):
 
 
 @pytest.fixture
-def node() -> Iterator[Turning]:
+def node(monkeypatch: pytest.MonkeyPatch) -> Iterator[Turning]:
+    """Return a node of this process, with the profile that all nodes have."""
+    for name in PROFILE_VARIABLES:
+        monkeypatch.setenv(name, str(CONFIG / 'fastdds.xml'))
     with own_domain():
         rclpy.init()
         it = Turning()

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 import math
+from pathlib import Path
 import random
 import struct
 import subprocess
@@ -28,7 +29,7 @@ from typing import Any, NamedTuple
 from bags import chunk, efforts, state
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, DIAGNOSTICS, JOINT_STATES, REFERENCE
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from processes import descendants, Probe
+from processes import descendants, Probe, wait_for
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -189,6 +190,14 @@ def nodes_of(pid: int) -> dict[str, int]:
     mark = 'ctc_chattering.cli.node '
     return {line.split(mark)[1].split()[0]: child for child, line in descendants(pid).items()
             if mark in line}
+
+
+def running(process: subprocess.Popen[str], bag: Path) -> dict[str, int]:
+    """Wait until the nodes of a bringup run, and its recorder has samples; return their pids."""
+    wait_for(lambda: len(nodes_of(process.pid)) == 4, 'the nodes')
+    # Some samples: the recorder has been heard by all, and hears all.
+    wait_for(lambda: sum(x.stat().st_size for x in bag.glob('*.mcap')) > 50_000, 'samples')
+    return nodes_of(process.pid)
 
 
 @contextmanager

@@ -28,7 +28,7 @@ import time
 from typing import Any
 
 from ctc_chattering.launch import child_process
-from ctc_chattering.ros.process import VARIABLES
+from ctc_chattering.ros.process import PROFILE_VARIABLES
 from domains import own_domain
 import pytest
 from rcl_interfaces.msg import SetParametersResult
@@ -54,8 +54,8 @@ class Probe:
         with pytest.MonkeyPatch.context() as it:
             # Without memory that others write into: a process killed while it does leaves a lock
             # behind, on which this one would crash or hang when it leaves.
-            it.setenv(VARIABLES[0], str(CONFIG / 'fastdds.xml'))
-            it.delenv(VARIABLES[1], raising=False)
+            it.setenv(PROFILE_VARIABLES[0], str(CONFIG / 'fastdds.xml'))
+            it.delenv(PROFILE_VARIABLES[1], raising=False)
             rclpy.init(context=self.context)
             self.node = rclpy.create_node('probe', context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
@@ -257,5 +257,5 @@ def interrupt(child: child_process.Child, *numbers: int) -> float:
     """
     watch = Stopwatch(child.process.pid)
     for number in numbers or (signal.SIGINT,):
-        child.signal(number)
+        child.process.send_signal(number)
     return watch.end(child.process)

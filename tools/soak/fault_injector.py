@@ -80,11 +80,11 @@ class FaultInjector:
     def _stop(self, fault: Fault, name: str = '') -> None:
         victim = name or fault.target
         child = self._graph.children[victim]
-        child.signal(signal.SIGSTOP)
+        child.process.send_signal(signal.SIGSTOP)
         try:
             self._graph.wait(fault.lasts)
         finally:
-            child.signal(signal.SIGCONT)
+            child.process.send_signal(signal.SIGCONT)
         if fault.lasts >= plan.LONGEST_STOP:
             self._graph.note_long_stop(victim)
 

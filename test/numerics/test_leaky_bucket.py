@@ -12,12 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How much of the time requests for parameters may take."""
+"""Limits of the time for parameter requests and of the messages of a page."""
 
 from __future__ import annotations
 
-from ctc_chattering.ros.parameters import TimeBudget
+from ctc_chattering.live.server import BURST, RATE
+from ctc_chattering.numerics.leaky_bucket import LeakyBucket
+from ctc_chattering.ros.parameters import MAX_SET_BURST_S, MAX_SET_SHARE
 import pytest
+
+
+def set_bucket() -> LeakyBucket:
+    """Return the limit of the time that setting parameters takes."""
+    return LeakyBucket(MAX_SET_SHARE, MAX_SET_BURST_S)
 
 
 @pytest.mark.parametrize(('takes', 'period', 'refused'), [
@@ -26,26 +33,36 @@ import pytest
     (12e-3, 20e-3, 0.17),    # A sixth of such requests must be refused.
     (5e-3, 5e-3, 0.5)])      # A flood: half of the time is left.
 def test_it_limits_the_share_of_the_time(takes: float, period: float, refused: float) -> None:
-    budget, end, count = TimeBudget(0.5, 1.0), 0.0, 20_000
+    bucket, end, count = set_bucket(), 0.0, 20_000
     refusals = 0
     for k in range(count):
         begin = max(k * period, end)
-        if budget.exhausted(begin):
+        if bucket.fill(0.0, begin):
             refusals += 1
             end = begin
         else:
             end = begin + takes
-            budget.spend(end)
+            bucket.fill(takes, begin)
     assert refusals / count == pytest.approx(refused, abs=0.02)
 
 
 def test_a_burst_is_taken_at_once_and_again_after_a_pause() -> None:
-    budget, now = TimeBudget(0.5, 1.0), 100.0
+    bucket, now = set_bucket(), 100.0
     for _ in range(2):
         count = 0
-        while not budget.exhausted(now):
+        while not bucket.fill(0.0, now):
+            bucket.fill(0.01, now)
             now += 0.01
-            budget.spend(now)
             count += 1
         assert count == pytest.approx(200, abs=2)
         now += 10.0
+
+
+def test_a_page_that_is_used_waits_for_nothing_and_one_that_floods_does() -> None:
+    bucket = LeakyBucket(RATE, BURST)
+    # A slider or a camera that is moved for ten seconds.
+    assert [bucket.fill(1.0, 50.0 + k / 60.0) for k in range(600)] == [0.0] * 600
+    bucket, now = LeakyBucket(RATE, BURST), 50.0
+    for _ in range(1000):
+        now += bucket.fill(1.0, now) / RATE
+    assert now - 50.0 == pytest.approx((1000 - BURST) / RATE, rel=1e-3)

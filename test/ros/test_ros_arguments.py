@@ -79,7 +79,7 @@ def test_sections_by_name_and_namespace(
 def test_what_is_for_ros_is_left_to_ros() -> None:
     rest = ['-r', 'joint_states:=/a', '--log-level', 'debug', '--disable-rosout-logs']
     own, ros = parse(['--x', '--ros-args', *rest, '-p', 'b:=2', '--', '--y'])
-    assert (own, list(ros.rest)) == (['--x', '--y'], rest)
+    assert (own, list(ros.for_ros)) == (['--x', '--y'], rest)
     assert ros.values(['controller']) == {'controller': {'b': 2.0}}
 
 

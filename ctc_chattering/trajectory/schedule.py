@@ -1,0 +1,198 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Schedule of a motion that is published ahead of time, for the reference node.
+
+The node hands over times, waypoints and parameters, and publishes the chunks. Time of the motion
+is simulated time, or real time since the first state, by the clock of the stamps of the states.
+Chunks cover the horizon on the control grid. What has been published until a quarter of the
+horizon ahead stays as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ctc_chattering.errors import ParameterError, RejectedMessage
+from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
+from ctc_chattering.trajectory.buffer import Point
+from ctc_chattering.trajectory.motion_plan import Followed, MotionPlan
+from ctc_chattering.trajectory.waypoints import Route
+
+#: Largest change between two states of the time from stamp to arrival [ns].
+MAX_LEAD_CHANGE_NS = NANOSECONDS // 4
+#: Number of chunks that cover the horizon.
+CHUNKS_AHEAD = 4
+
+
+class MotionSchedule:
+    """
+    Time of a motion, and the samples to publish next.
+
+    Parameters
+    ----------
+    plan : MotionPlan
+    period, horizon : int
+        Control period, and time by which the motion is published ahead [ns].
+
+    Attributes
+    ----------
+    chunk_size : int
+        Number of samples in a chunk.
+    now : int or None
+        Present time of the motion [ns], None until it is known.
+    simulated : bool
+        Whether time is simulated.
+
+    """
+
+    def __init__(self, plan: MotionPlan, period: int, horizon: int) -> None:
+        self._plan = plan
+        self._period = period
+        self._ahead = max(CHUNKS_AHEAD, horizon // period)
+        self.chunk_size = self._ahead // CHUNKS_AHEAD
+        self.now: int | None = None
+        self.simulated = False
+        #: Stamp at which the time of the motion is 0 [ns].
+        self._start: int | None = None
+        #: Stamps of the states minus the node's clock [ns].
+        self._lead = 0
+        #: Index of the sample to publish next.
+        self._next = 0
+
+    @property
+    def running(self) -> bool:
+        """Tell whether there is a motion with a known time."""
+        return self.now is not None and self._plan.motion is not None
+
+    @property
+    def started(self) -> bool:
+        """Tell whether the motion needs no further state of the robot."""
+        return self._start is not None and self._plan.motion is not None
+
+    def follow_clock(self, now: int) -> None:
+        """
+        Follow simulated time.
+
+        Raises
+        ------
+        RejectedMessage
+            If the motion follows real time.
+
+        """
+        if self._start is not None and not self.simulated:
+            raise RejectedMessage('real_time', 'the motion follows real time since its start')
+        if now == self.now:
+            self.repeat()  # Time may stand still because the chunks were not received.
+        self.simulated = True
+        self._start = 0
+        self._advance(now)
+
+    def follow_states(self, stamp: int, clock: int) -> int | None:
+        """
+        Follow the stamps of the states, and return the motion's time [ns].
+
+        Parameters
+        ----------
+        stamp, clock : int
+            Stamp of the state, and the node's clock [ns].
+
+        Returns
+        -------
+        int or None
+            None for a stamp that is neither near the clock nor in step with the one before.
+
+        """
+        previous, lead = self._lead, stamp - clock
+        if self._start is None:
+            self._lead = lead
+        if abs(lead - previous) >= MAX_LEAD_CHANGE_NS:
+            return None
+        if self._start is None:
+            self._start = stamp
+        return stamp - self._start
+
+    def follow_real_time(self, clock: int) -> None:
+        """Follow the node's clock [ns], unless time is simulated."""
+        if self._start is not None and not self.simulated:
+            self._advance(clock + self._lead - self._start)
+
+    def _advance(self, now: int) -> None:
+        """Set the motion's time [ns], and start again where it went back."""
+        went_back = self.now is not None and now < self.now
+        self.now = now
+        if went_back:
+            self.repeat()
+            self._plan.restart()
+
+    def repeat(self) -> None:
+        """Publish again the chunks from now on."""
+        if self.now is not None:
+            self._next = self.now // self._period
+
+    def follow(self, route: Route, stamp: int) -> Followed:
+        """
+        Follow waypoints after what has been published.
+
+        Parameters
+        ----------
+        route : Route
+            With times since `stamp` [ns].
+        stamp : int
+            Stamp of the first instant [ns], 0 for as soon as possible.
+
+        Raises
+        ------
+        RejectedMessage
+            If the motion has not begun.
+        CtcError
+            If a waypoint is not allowed, or all are past.
+
+        """
+        if self.now is None or self._plan.motion is None:
+            raise RejectedMessage('early', 'the motion has not begun')
+        for i, t in enumerate(route.times):
+            if t < 0:
+                raise ParameterError(f'points[{i}].time_from_start', seconds(t), '0 s or more')
+        begin = self._after_published(self.now)
+        epoch = (self._start or 0) - self._lead
+        start = stamp - epoch if stamp else begin
+        route = route._replace(times=[start + t for t in route.times])
+        followed = self._plan.follow(route, self.now, begin, epoch)
+        self._next = begin // self._period
+        return followed
+
+    def update(self) -> int:
+        """Take changed parameters, and return their first stamp in force [ns]."""
+        assert self.now is not None
+        begin = self._after_published(self.now)
+        if self._plan.update(self.now, begin):
+            self._next = begin // self._period
+        return (self._start or 0) + self._plan.in_force
+
+    def chunks(self) -> Iterator[tuple[int, list[Point]]]:
+        """Yield stamp and samples of each chunk up to the horizon."""
+        assert self.now is not None and self._plan.motion is not None
+        present = self.now // self._period
+        self._next = max(self._next, present)
+        while self._next < present + self._ahead:
+            samples = range(self._next, self._next + self.chunk_size)
+            yield ((self._start or 0) + self._next * self._period,
+                   [self._plan.motion.at(k * self._period) for k in samples])
+            self._next += self.chunk_size
+
+    def _after_published(self, now: int) -> int:
+        """Return the first instant [ns] that may still change."""
+        return (now // self._period + self.chunk_size) * self._period
