@@ -477,10 +477,10 @@ def write_metrics(results: Sequence[Result], path: Path) -> None:
 
 def position_units(names: Sequence[str], description: str) -> tuple[str, ...]:
     """Return the unit of each joint's position: m if a URDF says that it is prismatic, or rad."""
-    kinds = {}
+    units = {}
     with suppress(CtcError):
-        kinds = {name: joint.kind for name, joint in Tree(description).joints.items()}
-    return tuple('m' if kinds.get(name) == 'prismatic' else 'rad' for name in names)
+        units = {name: joint.position_unit for name, joint in Tree(description).joints.items()}
+    return tuple(units.get(name, 'rad') for name in names)
 
 
 #: Colour of each law, the same in all figures and pages, and of a run under several (after

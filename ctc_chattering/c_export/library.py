@@ -150,7 +150,7 @@ def block_of(step: CompiledStep, gains: Code) -> tuple[Block, dict[str, int]]:
         **{name.upper(): block.at(memories, 'law', 'oscillation', name) if observes else 0
            for name in ('strained', 'cycling')}}
     for record, code, arguments, places in step.arm.calls:
-        block.pointers.append((block.at(record, 'places'), block.add(arguments, places)))
+        block.pointers.append((block.at(record, 'arguments'), block.add(arguments, places)))
         block.calls.append((block.at(record, 'function'), _FUNCTIONS[code.function]))
     for at, _ in (*block.pointers, *block.calls):
         block.words[at] = 0

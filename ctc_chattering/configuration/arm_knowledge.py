@@ -212,7 +212,7 @@ def find_rotors(tree: Tree, joints: Sequence[str], stated: Sequence[float] = ()
             rotor = Known(inertia, Source.USER)
         elif joint.rotor_inertia > 0.0:
             rotor = Known(joint.rotor_inertia, Source.URDF)
-        elif joint.kind != 'prismatic' and joint.effort < NO_LIMIT:
+        elif not joint.prismatic and joint.effort < NO_LIMIT:
             rotor = Known(ASSUMED_ROTOR * joint.effort, Source.ASSUMED)
         else:
             rotor = Known(0.0, Source.NOT_KNOWN)

@@ -52,8 +52,8 @@ from ctc_chattering.control.recommended_gains import (
     recommended_gains,
     RECOMMENDED_LAW,
 )
-from ctc_chattering.dynamics.corrected_urdf import with_payload
 from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.payload import with_payload
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.serial_chain import chain_to, longest_chain
 from ctc_chattering.dynamics.urdf_model import UrdfModel

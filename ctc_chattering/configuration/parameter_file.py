@@ -107,8 +107,8 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
     route = read_trajectory(Path(file), reference.joint_names) if file else None
     descriptions = {node: read_description(config.description) for node, config in loop.items()
                     if config.described and config.description}
-    lines = node_only['bringup']['events']
-    events = parse_events(lines, {'plant': plant, 'controller': controller},
+    events = parse_events(node_only['bringup']['events'],
+                          {'plant': plant, 'controller': controller},
                           partial(known_model_torque, controller, descriptions))
     setup = Setup(plant, controller, reference, events, route, descriptions, node_only)
     check_motion(setup)

@@ -13,10 +13,11 @@
 # limitations under the License.
 
 """
-The control step as machine code: records in memory, and the functions that work on them.
+The control step as machine code.
 
-`Controller` uses `CompiledStep` in the place of `PlainStep` where it has been compiled. The
-compiled closed loop and the C export take its records and code.
+`Controller` uses `CompiledStep` in the place of `PlainStep` where it has been compiled. Its
+records are in memory, and its functions work on them. The compiled closed loop and the C export
+take both.
 """
 
 from __future__ import annotations
@@ -37,7 +38,9 @@ import numpy as np
 
 class ControlRecords(NamedTuple):
     """
-    A controller in memory: NumPy records of the classes in parentheses, and arrays.
+    A controller in memory.
+
+    NumPy records have the classes in parentheses.
 
     Attributes
     ----------
@@ -72,7 +75,7 @@ class ControlRecords(NamedTuple):
 
 class CompiledStep(Program):
     """
-    The control step between two changes of a controller's settings, as `PlainStep`.
+    The step of a controller between two changes of its settings, as machine code.
 
     Parameters
     ----------
@@ -101,14 +104,14 @@ class CompiledStep(Program):
         self._output_rows = np.frombuffer(result, float, 8 * n).reshape(8, n)
         self.records = ControlRecords(
             packed(settings), packed(law), packed(memories), packed(REGULAR), *self.arm.model,
-            *(self.arm.place() for _ in range(3)),  # type: ignore[call-arg]
+            *(self.arm.add_terms() for _ in range(3)),  # type: ignore[call-arg]
             transit, np.zeros((2, n)), result)
         super().__init__(self.arm.codes, run_step, (self.records, self.points),
                          f'control-{type(law).__name__}-{n}'.lower())
 
     @property
     def memories(self) -> Memories:
-        """Return the memories after the last sample; they may be set."""
+        """Return the memories after the last sample."""
         memories: Memories = load(self.records.memories)
         return memories
 
@@ -117,7 +120,7 @@ class CompiledStep(Program):
         store(self.records.memories, memories)
 
     def step(self, rows: Array, irregularity: SampleIrregularity) -> list[list[float]]:
-        """Go on by a sample, and return the rows of `ControlOutput`, shape (8, n)."""
+        """Go on by a sample, and return its `ControlOutput`, shape (8, n)."""
         self.records.measured[:], self.points[:] = rows[:2], rows[2:]
         if irregularity is not self._irregularity:
             self._irregularity = irregularity
@@ -137,7 +140,7 @@ def run_step(p: ControlRecords, points: Array) -> int:
     p : ControlRecords
         After the last sample, with the measured state.
     points : array, shape (3 (1 + d), n)
-        The reference at this sample and those of the delay; there may be more.
+        The reference at this sample and those of the delay, and more.
 
     """
     memories, settings, irregularity = load(p.memories), load(p.settings), load(p.irregularity)
@@ -158,7 +161,9 @@ def run_step(p: ControlRecords, points: Array) -> int:
 @function
 def apply_gains(p: ControlRecords, ka: Array) -> int:
     """
-    Have law and memory follow other gains, as `Controller.configure` does with the same law.
+    Have law and memory follow other gains.
+
+    `Controller.configure` does this with the same law.
 
     Parameters
     ----------

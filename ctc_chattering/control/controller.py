@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The controller: one call of `step` per sample, by the law that its parameters name.
+The sampled controller, by the law that its parameters name.
 
 Nodes, simulation and users hold a `Controller`. It makes the law from a `ControllerConfig`, and
 has the control step computed as plain Python or machine code. Between samples it changes gains and
@@ -59,7 +59,7 @@ __all__ = ['Controller', 'ControllerConfig', 'Sample']
 
 class Sample(NamedTuple):
     """
-    Result of one control step; every vector is a list of n floats.
+    Result of one control step, in lists of n floats.
 
     e, de and v belong to the measured state, the terms to the torque. Under an input delay the
     torque is for the state predicted over it.
@@ -75,11 +75,11 @@ class Sample(NamedTuple):
     nominal : list of float
         Torque by model and feedback: M [ddq_d + Kv de + Kp e] + C dq + G under most laws [N·m].
     compensation : list of float
-        C v, which the laws (2) and (6) subtract; 0 under the others [N·m].
+        C v, which the laws (2) and (6) subtract, 0 under the others [N·m].
     robust : list of float
         Term subtracted against the perturbation: Ka sgn(v) under (6), however switched [N·m].
     saturation_error : list of float, or None
-        Torque that the limits have taken [N·m]; None for nothing.
+        Torque that the limits have taken, or None for nothing [N·m].
 
     """
 
@@ -145,7 +145,7 @@ class Controller:
 
     Contract: `step` takes the state and the reference at sample k and returns the torque to hold
     until sample k + 1. It reads no clock. By the stamps of the states it goes on by as many
-    periods as have passed (`control.irregular_sample`); without stamps that is one a call.
+    periods as have passed (`control.irregular_sample`). Without stamps that is one a call.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ class Controller:
     #: Periods since then that were answered without a state, and memories and transit before them.
     _predicted: list[PredictedPeriod]
     _snapshot: tuple[Memories, Array]
-    #: Computes the steps until the next change, and holds the memories; made for the first step.
+    #: Computes the steps until the next change, and holds the memories. The first step makes it.
     _stepper: PlainStep | CompiledStep | None
     #: Until then, the memories.
     _memories: Memories
@@ -236,14 +236,14 @@ class Controller:
 
     def reset(self, bumpless: bool = False, held: Vector | None = None) -> None:
         """
-        Start again: no estimate, no torque in transit, and ξ = 0.
+        Start again with no estimate, no torque in transit and ξ = 0.
 
         Parameters
         ----------
         bumpless : bool
             Start with v = 0 instead, so that the first torque is the inverse dynamics alone.
         held : sequence of float, shape (n,), optional
-            Torque that is still held, from which `effort_rate_limit` goes on; 0 if left out.
+            Torque that is still held, from which `effort_rate_limit` goes on. The default is 0.
 
         """
         zero = np.zeros(self.model.n)
@@ -257,7 +257,7 @@ class Controller:
 
     @property
     def memories(self) -> Memories:
-        """Return the memories after the last sample; they may be set."""
+        """Return the memories after the last sample."""
         return self._memories if self._stepper is None else self._stepper.memories
 
     @memories.setter
@@ -273,7 +273,7 @@ class Controller:
         return self._stepper
 
     def compiled_step(self) -> CompiledStep | None:
-        """Return the step from now on as machine code takes it; None where it cannot."""
+        """Return the next step for machine code, or None where there can be none."""
         if isinstance(self._stepper, CompiledStep):
             return self._stepper
         arm = self.arm
@@ -282,7 +282,7 @@ class Controller:
 
     @property
     def arm(self) -> Arm | None:
-        """Return the numbers of the model; None if it or the law cannot be machine code."""
+        """Return the model for machine code, or None if model or law cannot be compiled."""
         return self._arm if type(self.memories.law) in RECORDS else None
 
     @property
@@ -330,9 +330,10 @@ class Controller:
         ahead : sequence of (q_d, dq_d, ddq_d)
             The same for the next samples, as many as `input_delay` says.
         t, at : int, optional
-            Stamp of the state, and instant of the reference, best `instant`; by default t [ns].
+            Stamp of the state, and instant of the reference, best `instant`. The default is t
+            [ns].
         late : int
-            Periods that have passed since t; without an answer, the torque sent last is in force.
+            Periods that have passed since t. Without an answer, the torque sent last is in force.
 
         """
         rows = self._rows(q, dq, q_d, dq_d, ddq_d, ahead)
@@ -360,27 +361,27 @@ class Controller:
         return sample
 
     def instant(self, t: int) -> int:
-        """Return the instant at which the law takes a state of stamp `t` in `step` [ns]."""
+        """Return the instant at which `step` takes a state of stamp `t` [ns]."""
         return t - self._locate(t)[1]
 
     def _locate(self, t: int) -> tuple[int, int]:
-        """Return `locate_sample` for a state of stamp `t`, after the last measured one."""
+        """Return `locate_sample` for a state of stamp `t`."""
         if self._stamp is None:
             return 0, 0
         return locate_sample(self._period, self._offset, t - self._stamp)
 
     @property
     def predicted_periods(self) -> int:
-        """Return the number of periods after the last state that `predicted_step` has answered."""
+        """Return how many periods since the last state were answered."""
         return len(self._predicted)
 
     def predicted_step(self, q_d: Vector, dq_d: Vector, ddq_d: Vector,
                        ahead: Sequence[Point] = (), periods: int = 1) -> Sample | None:
         """
-        Return the sample of `step` for the state predicted some periods after the last one.
+        Return the sample of `step` for a predicted state.
 
-        None without a state with a stamp, where another law is to take over, or where it leaves
-        the range of numbers.
+        The state is that some periods after the last one. Return None without a state with a
+        stamp, where another law is to take over, or where it leaves the range of numbers.
 
         Parameters
         ----------
@@ -399,7 +400,7 @@ class Controller:
         return sample
 
     def _predict(self, rows: Array, reference_offset: int, keeps_torque: bool) -> Sample:
-        """Go on by a period without a state; offset of the sample from the reference [ns]."""
+        """Go on by a period without a state, with an offset of the reference [ns]."""
         if not self._predicted:
             self._snapshot = self.memories, self.transit.copy()
         sample = self._step(rows, missing_state(reference_offset, keeps_torque))
@@ -444,7 +445,7 @@ class Controller:
 
     def _rows(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
               ahead: Sequence[Point]) -> Array:
-        """Return q, dq and all points as rows, shape (5 + 3 d, n); raise `CtcError` if wrong."""
+        """Return q, dq and all points as rows, shape (5 + 3 d, n), or raise `CtcError`."""
         delay, vectors = self.config.input_delay, (q, dq, q_d, dq_d, ddq_d)
         try:
             rows = np.array((*vectors, *islice(chain.from_iterable(ahead), 3 * delay)), float)
@@ -460,15 +461,15 @@ class Controller:
                  ahead: Sequence[Point] = (), t: int | None = None, at: int | None = None,
                  late: int = 0) -> Sample | None:
         """
-        Return the sample of `step`; None where it leaves the range of numbers.
+        Return the sample of `step`, or None.
 
-        The law must then be `reset`.
+        None is for a step that leaves the range of numbers. The law must then be `reset`.
         """
         return self._finite(self.step, q, dq, q_d, dq_d, ddq_d, ahead, t, at, late)
 
     @staticmethod
     def _finite(step: Callable[..., Sample], *arguments: Any) -> Sample | None:
-        """Return the sample of a step; None where it leaves the range of numbers."""
+        """Return the sample of a step, or None where it leaves the range of numbers."""
         try:
             sample = step(*arguments)
         except (ArithmeticError, ValueError, np.linalg.LinAlgError):  # 1 / 0, sin(inf)

@@ -13,11 +13,12 @@
 # limitations under the License.
 
 """
-Delay: the state in which a torque is applied that is sent d samples earlier.
+Prediction of the state in which a delayed torque is applied.
 
-Under a known input delay the control step asks for that state and the law answers it. The
-prediction runs model, reference and filter ahead under the torques in transit. Filter and
-observers themselves advance with measured states and applied torques.
+A torque is applied d samples after it is sent. Under this known delay the control step asks for
+the state at that time, and the law answers it. The prediction runs model, reference and filter
+ahead under the torques in transit. Filter and observers themselves advance with measured states
+and applied torques.
 """
 
 from __future__ import annotations
@@ -32,7 +33,9 @@ from ctc_chattering.numerics.linear_algebra import Array
 @function
 def predict_arrival(law: Any, law_memory: Any, now: State, context: Context) -> State:
     """
-    Return the state in which this sample's torque is applied; `now` without a delay.
+    Return the state in which this sample's torque is applied.
+
+    Without a delay that is `now`.
 
     Parameters
     ----------
@@ -64,7 +67,7 @@ def predict_arrival(law: Any, law_memory: Any, now: State, context: Context) -> 
 
 @function
 def exchange_torque(transit: Array, row: int, sent: Applied) -> Applied:
-    """Return the torque in transit from `row` on, and put `sent` in its place."""
+    """Return the torque in transit at `row`, and put `sent` in its place."""
     applied = Applied(1.0 * transit[row], 1.0 * transit[row + 1], 1.0 * transit[row + 2],
                       1.0 * transit[row + 3])
     transit[row] = sent.tau

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Feasible reference: one that drives can follow where friction changes its sign.
+A reference that drives can follow where friction changes its sign.
 
 The law `observer_feedback` shifts its reference by the deviation x that this module computes. At a
 reversal the torque of a joint has to change by 2 K̂. A drive with the rate limit R takes 2 T for
@@ -92,7 +92,7 @@ class FeasibleReference(NamedTuple):
     relief: Array
 
     def slow_down(self, factor: float) -> FeasibleReference:
-        """Return one whose deviation returns with this factor on the largest w."""
+        """Return the same with this factor on the largest w."""
         return self._replace(fastest=factor * self.fastest)
 
     def feed_forward(self, point: Desired, level: Array, ahead: float = 0.0) -> Array:
@@ -154,7 +154,7 @@ def design_reference(kp: Array, kv: Array, rate: Array, lag: Array, period: floa
     kp, kv : array, shape (n,)
         Diagonals of Kp [1/s²] and Kv [1/s].
     rate, lag : array, shape (n,)
-        R, inf for none [N·m/s]; T_a [s].
+        R, inf for none [N·m/s], and T_a [s].
     period : float
         h [s].
 
@@ -172,8 +172,8 @@ def next_point(point: Desired, step: Array, h: float) -> Desired:
 
 @function
 def reference_stands(point: Desired) -> Truths:
-    """Return the joints of which the reference stands, up to rounding, shape (n,)."""
-    return (np.abs(point.dq) <= 1e-9) & (np.abs(point.ddq) <= 1e-9)
+    """Return the joints whose reference stands, shape (n,)."""
+    return (np.abs(point.dq) <= 1e-9) & (np.abs(point.ddq) <= 1e-9)  # Up to rounding.
 
 
 @function

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Filter (3) of the paper: the filtered error v from the velocity error, without acceleration.
+Filter (3) of the paper, which gives v without the acceleration.
 
 The laws (2) and (6) and the switchings use it, with λ and b of `ControllerConfig`. In continuous
 time, with a state ξ and ξ(0) = 0::
@@ -83,9 +83,10 @@ class ErrorFilter(NamedTuple):
 
     def nominal_response(self, v: Array, u: Array) -> Array:
         """
-        Return v of the next sample if dde + Kv de + Kp e were 0, shape (n,) [rad/s].
+        Return y = a v + (b h - c) u, shape (n,) [rad/s].
 
-        That is y = a v + (b h - c) u. The second term is of the order of h².
+        That is v of the next sample if dde + Kv de + Kp e were 0. The second term is of the order
+        of h².
         """
         return self.decay * v + self.feedthrough * u
 

@@ -13,12 +13,12 @@
 # limitations under the License.
 
 """
-Learning of the level of Coulomb's friction, from what an observer still has to add.
+Learning of the level of Coulomb's friction, from an observer's estimate.
 
-The law `observer_feedback` updates the level K̂ at every sample, from the observed velocity dq̂ and
-the estimate P̂. Where K̂ is too low by ΔK, P̂ jumps by 2 ΔK when the velocity changes its sign,
-delayed by the observer. K̂ follows the correlation of P̂ with the sign of the velocity, delayed
-alike: three lags of the observer's bandwidth ω. Both are taken above the frequency w₀::
+The law `observer_feedback` updates the level K̂ at every sample, from the observed velocity dq̂
+and the estimate P̂. Where K̂ is too low by ΔK, P̂ jumps by 2 ΔK when the velocity changes its
+sign, delayed by the observer. K̂ follows the correlation of P̂ with the sign of the velocity,
+delayed alike: three lags of the observer's bandwidth ω. Both are taken above the frequency w₀::
 
     dK̂/dt = γ y φ,     y = HP(P̂),     φ = HP(LP³(sgn dq̂)),     0 <= K̂ <= Ka             (FL1)
 
@@ -39,7 +39,7 @@ import numpy as np
 @record
 class LearnedFriction(NamedTuple):
     """
-    Friction of every joint as learned so far, each of shape (n,).
+    Friction of every joint as learned so far, each (n,).
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class FrictionLearner(NamedTuple):
     bound: Array
 
     def slow_down(self, factor: float) -> FrictionLearner:
-        """Return one for an estimate with this factor on its bandwidth ω."""
+        """Return the same with this factor on the bandwidth ω."""
         return self._replace(lag_gain=factor * self.lag_gain)
 
     def learn(self, last: LearnedFriction, dq: Array, perturbation: Array) -> LearnedFriction:

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Hand-over: from one law to another the torque makes no step.
+Hand-over from one law to another, without a step of the torque.
 
 `Controller` calls `take_over` before the first sample of the new law. The new law begins from the
 perturbation that the old one estimates. If it acts on v and the old one did not, it begins with
@@ -48,7 +48,7 @@ def take_over(settings: ControlSettings, old: Any, old_memory: Any, new: Any, me
     new : Law
         The new one.
     memories : Memories
-        After the last sample; the law's memory is the new one's initial memory.
+        After the last sample, with the initial memory of the new law.
     model : Model
         M, C and G.
     rows : array
@@ -68,7 +68,7 @@ def take_over(settings: ControlSettings, old: Any, old_memory: Any, new: Any, me
 
 @function
 def handover_offset(settings: ControlSettings, memory: ControlMemory, torque: Array) -> Array:
-    """Return the offset [N·m] from the new law's first torque to the last one sent."""
+    """Return the torque step hidden at the hand-over, shape (n,) [N·m]."""
     if memory.handover_samples_left == settings.handover_samples:
         return memory.held - torque
     return memory.handover_offset

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Irregular samples: states that come late, early or never, by the stamps of the states.
+Irregular samples, whose states come late, early or never.
 
 The samples of a law are a period h apart, whatever the stamps say. For each period without a
 state the law goes on with the state that it predicts, under the torque that acted. A state that
@@ -22,7 +22,7 @@ was measured a time δ after a sample is taken back to it along the predicted mo
     q - δ (dq + ½ δ a),     dq - δ a,     a = (dq - dq of the sample before) / h         (LS1)
 
 Where clocks differ the samples follow the stamps, so that |δ| stays below 0.45 h. `Controller`
-locates the sample of each stamp; the control step then takes the state to it.
+locates the sample of each stamp. The control step then takes the state to it.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ MAX_MISSED_PERIODS = 50
 @record
 class SampleIrregularity(NamedTuple):
     """
-    Deviation of a sample from one whose state was measured right at it.
+    Deviation of a sample from a regular one.
 
     Attributes
     ----------
@@ -73,12 +73,12 @@ def missing_state(reference_offset_ns: int, keeps_torque: bool) -> SampleIrregul
 @function
 def locate_sample(h: int, offset: int, elapsed: int) -> tuple[int, int]:
     """
-    Return the missed periods before a state, and its time after its sample [ns].
+    Return the missed periods before a state, and its offset [ns].
 
     Parameters
     ----------
     h, offset : int
-        Period, and that time for the state before, 0 for the first [ns].
+        Period, and time of the state before after its sample, 0 for the first [ns].
     elapsed : int
         Since that state [ns].
 
@@ -95,7 +95,7 @@ def locate_sample(h: int, offset: int, elapsed: int) -> tuple[int, int]:
 def state_at_sample(law: Any, law_memory: Any, last: LastSample, context: Context,
                     irregularity: SampleIrregularity, q: Array, dq: Array
                     ) -> tuple[Array, Array]:
-    """Return q and dq of an irregular sample: predicted, or measured and taken back by (LS1)."""
+    """Return q and dq of an irregular sample, predicted or by (LS1)."""
     next_q, next_dq = law.predicted_state(law_memory, last, context)
     if irregularity.is_measured == 0.0:
         return next_q, next_dq

@@ -13,17 +13,17 @@
 # limitations under the License.
 
 """
-Observer of position, velocity and perturbation, driven by measured position and sent torque.
+Observer of position, velocity and perturbation.
 
 The laws `observer_feedback` and `extended_state_observer` use it, with the parameters of
-`ControllerConfig`. Its model has the drives (`dynamics/drive_response.py`), so that it knows the
-torque that acts. It also has Coulomb's friction f of the level K̂, implicit as in docs/theory.md.
-Over a period::
+`ControllerConfig`. Measured position and sent torque drive it. Its model has the drives
+(`dynamics/drive_response.py`), so that it knows the torque that acts. It also has Coulomb's
+friction f of the level K̂, implicit as in docs/theory.md. Over a period::
 
     f ∈ K̂ Sgn(dq⁺),   a = M⁻¹ (τ - C dq - G - f - P̂),   dq⁺ = dq + h a,   P̂⁺ = P̂ + h Ṗ̂   (SO1)
 
 and q⁺ likewise, each with its own mean of τ and P̂ over the period. The measured position
-corrects this; the velocity is not measured. With ε = q - q̂ and θ = exp(-ω h)::
+corrects this. The velocity is not measured. With ε = q - q̂ and θ = exp(-ω h)::
 
     q̂  += (1 - θ⁴) ε
     dq̂ += (1 - θ)² (11 + 14 θ + 11 θ²) ε / (6 h)
@@ -96,7 +96,7 @@ class StateObserver(NamedTuple):
     bound : ndarray, shape (n,)
         Ka [N·m].
     position, velocity, force, jerk : float
-        Gains of (SO2); those of P̂ and Ṗ̂ without M.
+        Gains of (SO2), without M.
 
     """
 
@@ -108,7 +108,7 @@ class StateObserver(NamedTuple):
     jerk: float
 
     def slow_down(self, factor: float) -> StateObserver:
-        """Return the observer with this factor on the bandwidth of P̂, and √factor on its bound."""
+        """Return the same with this factor on the bandwidth of P̂, and its root on the bound."""
         return self._replace(bound=np.sqrt(factor) * self.bound, force=factor * self.force,
                              jerk=factor * factor * self.jerk)
 
@@ -141,7 +141,7 @@ class StateObserver(NamedTuple):
         return Observed(q, dq, drive.end, state.perturbation + h * state.slope, state.slope)
 
     def correct(self, state: Observed, mass: Array, q: Array) -> Observed:
-        """Return the state corrected with the measured position `q`, shape (n,) [rad] (SO2)."""
+        """Return the state corrected with the measured position q, (n,) [rad] (SO2)."""
         error = q - state.q
         load = dot(mass, error)
         perturbation = nearest(mass, state.perturbation - self.force * load, self.bound)

@@ -13,15 +13,15 @@
 # limitations under the License.
 
 """
-Oscillation guard: the fraction of its bandwidth that a loop may use, less while it oscillates.
+Oscillation guard, which takes bandwidth from a loop that oscillates.
 
 The law `observer_feedback` calls it at every sample with its feedback torque f, and multiplies its
-bandwidths by s. Drives that are slower than their model (rate limit, lag, delay) make a fast loop
-oscillate: the torque that the drives lack goes into the estimate, which asks for more. The same
-loop with a fraction of its bandwidth is stable. f shows it in two ways. Drives of a lower rate
-than the law believes make f large, beyond Ka and what the drives follow, while the law believes
-that they give it. Drives that are late make f oscillate on. Under a load, a reversal of friction
-or a motion that is too hard, each half-wave is smaller than the one before::
+bandwidths by the fraction s. Drives that are slower than their model (rate limit, lag, delay) make
+a fast loop oscillate: the torque that the drives lack goes into the estimate, which asks for more.
+The same loop with a fraction of its bandwidth is stable. f shows it in two ways. Drives of a lower
+rate than the law believes make f large, beyond Ka and what the drives follow, while the law
+believes that they give it. Drives that are late make f oscillate on. Under a load, a reversal of
+friction or a motion that is too hard, each half-wave is smaller than the one before::
 
     r = max(|f_b - f_s| / (Ka + B + |f_s|),  min(|f|, f₁, f₂) / min(Ka, B)),    B = R / √Kp
     d(ln s)/dt = -w max(r - 1/2, 0) - ln(s) / t                                            (OG1)
@@ -72,19 +72,19 @@ _LN_CYCLING = log(0.7)
 @record
 class Oscillation(NamedTuple):
     """
-    Oscillation of the feedback f so far; arrays of shape (n,).
+    Oscillation of the feedback f so far.
 
     Attributes
     ----------
-    slow : ndarray
+    slow : ndarray, shape (n,)
         f_s [N·m].
-    extreme, last, second_last : ndarray
-        Extreme of this half-wave of f, with its sign; f₁; f₂ [N·m].
+    extreme, last, second_last : ndarray, shape (n,)
+        Extreme of this half-wave of f, with its sign, f₁ and f₂ [N·m].
     retreat : float
         ln s.
     strained : float
         Time for which f has exceeded 3 Ka with s < 0.2, from -2 at the start on [s].
-    frequency : ndarray
+    frequency : ndarray, shape (n,)
         Waves of f a second [Hz].
     calm, cycling : float
         Time since a half-wave of a limit cycle, and L of (OG2) [s].
@@ -176,7 +176,7 @@ class OscillationGuard(NamedTuple):
 
 @function
 def design_guard(bound: Array, rate: Array, pole: Array, period: float) -> OscillationGuard:
-    """Return a guard for Ka [N·m], R [N·m/s] and √Kp_ii [rad/s], shape (n,), and h [s]."""
+    """Return a guard for Ka [N·m], R [N·m/s], √Kp_ii [rad/s] and h [s]."""
     bound, followed = np.maximum(bound, 1e-9), rate / pole  # A bound of 0 is no divisor.
     return OscillationGuard(
         bound=bound, believed=bound + np.where(followed < np.inf, followed, 0.0),

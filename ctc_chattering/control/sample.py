@@ -13,11 +13,11 @@
 # limitations under the License.
 
 """
-Records of one sample, which the control step and a law exchange, and two evaluations of a model.
+Records of one sample, which the control step and a law exchange.
 
 The control step (`step.py`) evaluates the measured state. It hands `State` and `Context` to the
-law and gets `Terms` back. Vectors are arrays of shape (n,), matrices of shape (n, n). Truth values
-are 1.0 and 0.0, so that all records can be compiled.
+law and gets `Terms` back. Two functions evaluate the model. Vectors are arrays of shape (n,),
+matrices of shape (n, n). Truth values are 1.0 and 0.0, so that all records can be compiled.
 """
 
 from __future__ import annotations
@@ -89,7 +89,9 @@ class State(NamedTuple):
 @record
 class Terms(NamedTuple):
     """
-    Terms of a law's torque nominal - compensation - robust, each of shape (n,) [N·m].
+    Terms of a law's torque, each of shape (n,) [N·m].
+
+    The torque is nominal - compensation - robust.
 
     Attributes
     ----------
@@ -113,14 +115,15 @@ class Terms(NamedTuple):
 @record
 class Applied(NamedTuple):
     """
-    A torque that is applied, with its differences from the law's, each of shape (n,) [N·m].
+    A torque that is applied, each of shape (n,) [N·m].
 
     Attributes
     ----------
     tau, saturation_error : ndarray
         Torque within the limits, and the torque that these have taken.
     excess : ndarray
-        The law's torque less ``tau``, kept from the filter; for `advanced` 0 without anti-windup.
+        The law's torque less ``tau``, kept from the filter. It is 0 for `advanced` without
+        anti-windup.
     clipping_error : ndarray
         Of `Terms`.
 
@@ -143,7 +146,9 @@ class MeasuredState(NamedTuple):
 @record
 class LastSample(NamedTuple):
     """
-    The sample before, from which the next state is predicted, each of shape (n,).
+    The sample before, each of shape (n,).
+
+    The next state is predicted from it.
 
     Attributes
     ----------
@@ -173,7 +178,7 @@ class ControlMemory(NamedTuple):
     handover_offset : ndarray, shape (n,)
         Torque step hidden at a change of law [N·m].
     handover_samples_left : float
-        Samples for which the offset is still added; -d once none of it is in transit.
+        Samples for which the offset is still added, down to -d when none is in transit.
     transit_index : float
         Index of the torque in transit that is applied next.
 
@@ -200,7 +205,7 @@ class Models(NamedTuple):
     """
     One model for three states that are evaluated side by side.
 
-    Compiled code keeps M and C of each apart; in plain Python all three are the same `Model`.
+    Compiled code keeps M and C of each apart. In plain Python all three are the same `Model`.
 
     Attributes
     ----------
@@ -249,11 +254,11 @@ class Context(NamedTuple):
         return Desired(q + t * (dq + 0.5 * t * ddq), dq + t * ddq, ddq)
 
     def transit_row(self, j: int) -> int:
-        """Return the first row of the torque that is applied j periods from now."""
+        """Return the first row of the torque applied j periods from now."""
         return TRANSIT_ROWS * ((int(self.memory.transit_index) + j) % int(self.settings.delay))
 
     def in_transit(self, j: int) -> Array:
-        """Return the torque that is applied j periods from now, shape (n,) [N·m]."""
+        """Return the torque applied j periods from now, shape (n,) [N·m]."""
         torque: Array = self.transit[self.transit_row(j)]
         return torque
 
@@ -266,7 +271,7 @@ class Context(NamedTuple):
 @function
 def evaluate_state(settings: ControlSettings, model: Any, q: Array, dq: Array, desired: Desired,
                    xi: Array) -> State:
-    """Return the state for a point of the reference and the filter's state ξ."""
+    """Return the state for a point of the reference and ξ."""
     e, de = desired.q - q, desired.dq - dq
     u = dot(settings.kv, de) + dot(settings.kp, e)
     v = settings.filter.output(de, xi)                               # (3)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Settings of the control step that all laws share, from the parameters of the controller."""
+"""Settings of the control step, from the parameters of the controller."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class ControlSettings(NamedTuple):
     filter : ErrorFilter
         Filter (3).
     effort_limit, effort_step : ndarray, shape (n,)
-        Largest torque, and its largest change in a period [N·m]; inf for unlimited.
+        Largest torque, and its largest change in a period, inf for unlimited [N·m].
     limited, anti_windup : float
         Truth of: there are limits, and anti-windup is on.
     zero : ndarray, shape (n,)

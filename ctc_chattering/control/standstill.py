@@ -13,9 +13,10 @@
 # limitations under the License.
 
 """
-Standstill: the estimate P̂ is held at a joint that stands where the reference stands.
+Standstill, at which the estimate P̂ of a joint is held.
 
-The law `observer_feedback` asks at every sample. A joint that sticks shows nothing of the
+The law `observer_feedback` asks at every sample which joints stand where their reference stands.
+A joint that sticks shows nothing of the
 perturbation. So an estimate, and its slope even more, drifts until the joint breaks loose, slips
 and sticks again: without end where friction at rest exceeds that of sliding. Therefore P̂ is held,
 with the slope 0, once::
@@ -25,11 +26,11 @@ with the slope 0, once::
 
 s is the time for which the measured position has been within δ = 1e-4 rad (or m). t is the time
 for which dq_d and ddq_d are 0. W is the time that observer and drives need to free a joint. A
-constant torque beyond 4 δ M_ii / s² moves a joint by 2 δ within s. By (SS2) the learned friction K̂
-can hold the torque that acts, and a joint without friction is never held. P̂ is estimated again
-when the measured position leaves ±δ or the reference moves; t then begins again. Position and
-velocity are observed all the time, so that nothing jumps. A joint that does move under a held P̂ is
-under the feedback of a stable loop.
+constant torque beyond 4 δ M_ii / s² moves a joint by 2 δ within s. By (SS2) the learned friction
+K̂ can hold the torque that acts, and a joint without friction is never held. P̂ is estimated again
+when the measured position leaves ±δ or the reference moves. Then t begins again. Position and
+velocity are observed all the time, so that nothing jumps. A joint that does move under a held P̂
+is under the feedback of a stable loop.
 
 A joint that sticks under a constant torque goes on sticking until its load has changed by what
 static friction has in reserve. Where every stop takes s₁ >= 2 / ω, slips end by t = W² / s₁, at
@@ -47,7 +48,7 @@ from ctc_chattering.control.sample import Desired
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: δ [rad]; with more noise of the position no joint is held.
+#: δ [rad]. With more noise of the position no joint is held.
 TOLERANCE_RAD = 1e-4
 #: Part of W that the observer needs, in 1 / ω.
 OBSERVER_PERIODS = 6.0

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The control step: a law at one sample, for any model.
+The control step, which answers one sample by a law.
 
 `Controller` calls it once a sample, as plain Python (`PlainStep`) or machine code
 (`compiled_step.py`). It is a pure function of records. One sample is, in this order:
@@ -52,7 +52,7 @@ import numpy as np
 
 @record
 class ControlOutput(NamedTuple):
-    """Result of a sample, each of shape (n,): the fields of `control.controller.Sample`."""
+    """Result of a sample in arrays of shape (n,), as `control.controller.Sample`."""
 
     tau: Array
     e: Array
@@ -126,7 +126,7 @@ def step(context: Context, law: Any, law_memory: Any, last: LastSample,
 
 class PlainStep:
     """
-    The control step between two changes of a controller's settings, in plain Python.
+    The step of a controller between two changes of its settings, in plain Python.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ class PlainStep:
 
     def step(self, rows: Array, irregularity: SampleIrregularity) -> list[list[float]]:
         """
-        Go on by a sample, and return the rows of `ControlOutput`, shape (8, n).
+        Go on by a sample, and return its `ControlOutput`, shape (8, n).
 
         Parameters
         ----------

@@ -14,18 +14,18 @@
 
 
 """
-Switchings: the ways to evaluate the chattering term z of law (6), Ka sgn(v).
+Switchings, which evaluate the term Ka sgn(v) of law (6).
 
 The law `chattering` holds one, made from the parameters `switching` and `ka` of
 `ControllerConfig`. A switching is a NamedTuple of its gains, marked by `switching`, as a law is
 (`laws.base`). Its one method is `term`. Those that estimate the perturbation also have `updated`,
-`advanced` and `estimate`; the memory of law (6) is theirs.
+`advanced` and `estimate`. The memory of law (6) is theirs. z is the chattering term.
 
 Implicit
 --------
 `Implicit` is the backward-Euler discretisation of Ka sgn(v). The term z is the element of
 Ka Sgn(v) at the *next* sample, so that it can rest anywhere between -Ka and Ka once v is 0
-(Acary & Brogliato 2010; Huber, Acary & Brogliato 2016; see docs/theory.md)::
+(Acary & Brogliato 2010; Huber, Acary & Brogliato 2016, see docs/theory.md)::
 
     z ∈ Ka Sgn(v⁺),     v⁺ = b h M⁻¹ (w - z),     w = M y / (b h) - C v                     (SW1)
 
@@ -71,7 +71,7 @@ import numpy as np
 @record
 class Perturbation(NamedTuple):
     """
-    Memory of law (6): the estimate, and the last sample with which it is compared.
+    Memory of law (6), with the estimate and the last sample.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class Switching(Estimator):
 
     def term(self, memory: Perturbation, state: State, compensation: Array) -> tuple[Array, Array]:
         """
-        Return z within ±Ka, and the torque that ±Ka has taken from it, each (n,) [N·m].
+        Return z within ±Ka, and its clipping error, each (n,) [N·m].
 
         Parameters
         ----------
@@ -130,11 +130,12 @@ def _with_ka(switching: Any, kp: Array, kv: Array, ka: Array) -> Any:
 
 def switching(kind: type[T]) -> type[T]:
     """
-    Mark a switching of your own for law (6), a NamedTuple of its gains.
+    Mark a switching of your own for law (6).
 
-    It returns the class with the methods of `Switching` that it lacks. It must have
-    ``from_config`` and ``term``; a field ``ka`` is Ka, and follows it. The parameter
-    ``switching`` takes the class itself, or its name ``package.module:Name``.
+    It is a NamedTuple of its gains. The decorator returns the class with the methods of
+    `Switching` that it lacks. It must have ``from_config`` and ``term``. A field ``ka`` is Ka, and
+    follows it. The parameter ``switching`` takes the class itself, or its name
+    ``package.module:Name``.
 
     Parameters
     ----------
@@ -185,7 +186,7 @@ class BoundaryLayer(NamedTuple):
 
 @switching
 class Implicit(NamedTuple):
-    """The term for which v vanishes at the next sample, as far as Ka allows."""
+    """The term by which v is 0 at the next sample, within ±Ka."""
 
     #: Ka [N·m], shape (n,).
     ka: Array
@@ -210,7 +211,7 @@ def unclipped(filter_: ErrorFilter, state: State, compensation: Array) -> Array:
 
 @switching
 class ImplicitObserver(NamedTuple):
-    """The term of `Implicit` for w - P̂ in the place of w; the whole term stays within ±Ka."""
+    """The term of `Implicit` for w - P̂, within ±Ka as a whole."""
 
     #: Ka [N·m], shape (n,), which bounds P̂ as well.
     ka: Array
@@ -242,7 +243,7 @@ class ImplicitObserver(NamedTuple):
             perturbation=nearest(memory.mass, estimate, self.ka), known=0.0)
 
     def advanced(self, memory: Perturbation, now: State, applied: Applied) -> Perturbation:
-        """Predict the next v without a perturbation; anti-windup leaves the excess out."""
+        """Predict the next v without perturbation and excess."""
         residual, clipping = now.N - applied.tau - applied.excess, applied.clipping_error
         if some(clipping):
             residual = residual + np.where(np.abs(clipping) < self.ka, 0.5 * clipping, 0.0)

@@ -12,7 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What compiled code has in the place of a `Model`: the terms of (1) of either kind of arm."""
+"""
+Compiled counterpart of Model: M, C and G.
+
+`CompiledArm` holds the numbers and machine code of one arm, a tree of bodies or the two-link arm.
+Compiled control steps and plants call it through `EvaluatedModel` and `CompiledModel`. The numbers
+come from `arm_of`.
+"""
 
 from __future__ import annotations
 
@@ -21,48 +27,61 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import function, record, solve
 from ctc_chattering.compiled.machine_code import Code, invoke, places
-from ctc_chattering.compiled.records import numpy_record, packed, record_of, value, write
+from ctc_chattering.compiled.records import (
+    numpy_record,
+    packed,
+    record_of,
+    value,
+    write,
+)
 from ctc_chattering.dynamics import tree, two_link
 from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.tree import Arm as Arm
 from ctc_chattering.dynamics.two_link import TwoLink
-from ctc_chattering.dynamics.urdf_model import Arm as Arm
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 
-def arm_of(model: Model, inertia_scale: float = 1.0, gravity_scale: float = 1.0) -> Arm | None:
+def arm_of(
+    model: Model, inertia_scale: float = 1.0, gravity_scale: float = 1.0
+) -> Arm | None:
     """
-    Return the numbers of a `TwoLink` or `UrdfModel`; None for another model.
+    Return the numbers of a `TwoLink` or `UrdfModel`, or None.
 
     Parameters
     ----------
     model : Model
-        Whose numbers they are.
-    inertia_scale, gravity_scale : float
-        Factors of M and C, and of G.
+        Model of the arm.
+    inertia_scale : float
+        Factor of M and C.
+    gravity_scale : float
+        Factor of G.
 
     """
-    c, ratio = inertia_scale, gravity_scale / inertia_scale
-    if type(model) is UrdfModel:
-        arm = model.bodies
-        return dataclasses.replace(
-            arm, gravity=ratio * model.gravity, mass=c * arm.mass, inertia=c * arm.inertia,
-            rotor=c * arm.rotor)
-    if type(model) is not TwoLink:
+    gravity_ratio = gravity_scale / inertia_scale
+    if type(model) is TwoLink:
+        return Arm.two_link(gravity_ratio * model.gravity, inertia_scale)
+    if type(model) is not UrdfModel:
         return None
-    none, row, square = np.zeros(model.n), np.zeros((model.n, 3)), np.zeros((model.n, 3, 3))
-    return Arm(True, ratio * model.gravity, c, none.astype(np.int64), none.astype(np.bool_),
-               none.astype(np.int64), square, row, none, row, square, none)
+    arm = model.bodies
+    return dataclasses.replace(
+        arm,
+        gravity=gravity_ratio * model.gravity,
+        mass=inertia_scale * arm.mass,
+        inertia=inertia_scale * arm.inertia,
+        rotor=inertia_scale * arm.rotor,
+    )
 
 
 @record
-class KeptTerms(NamedTuple):
-    """Where the terms of a state are computed and kept; arrays of shape (n,) and (n, n)."""
+class StateTerms(NamedTuple):
+    """M, C and G at a state, with their call."""
 
-    #: Address of `set_terms`, and that of the places of its arguments.
+    #: Address of `set_terms`, and that of the addresses of its arguments.
     function: int  # noqa: A003
-    places: int
+    arguments: int
+    #: Arrays of shape (n,) and (n, n).
     q: Array
     dq: Array
     M: Array
@@ -72,59 +91,62 @@ class KeptTerms(NamedTuple):
 
 @record
 class CompiledModel(NamedTuple):
-    """A model as the plant takes it: addresses of `set_mass_and_bias`, and the `BodyScratch`."""
+    """The model of the plant: `set_mass_and_bias` and its scratch."""
 
     call: Any
     body: Any
 
     def mass_and_bias(self, q: Any, dq: Any) -> Any:
-        """Return M and C dq + G; see `Model.mass_and_bias`. The next call changes M."""
-        s = self.body
-        write(s.q, q)
-        write(s.dq, dq)
-        invoke(self.call.function, self.call.places)
-        return value(s.M), value(s.bias)
+        """Return M and C dq + G. The next call changes M."""
+        body = self.body
+        write(body.q, q)
+        write(body.dq, dq)
+        invoke(self.call.function, self.call.arguments)
+        return value(body.M), value(body.bias)
 
 
 @record
 class EvaluatedModel(NamedTuple):
-    """A model as the control step takes it: of the plant's form, with a `KeptTerms`."""
+    """The model of the control step, with its own terms."""
 
     model: CompiledModel
-    place: Any
+    state_terms: Any
 
     def evaluate(self, q: Any, dq: Any) -> Any:
-        """Return M, C and G, as `Model.evaluate` does. The next call changes M and C."""
-        place = self.place
-        write(place.q, q)
-        write(place.dq, dq)
-        invoke(place.function, place.places)
-        return value(place.M), value(place.C), value(place.G)
+        """Return M, C and G. The next call changes them."""
+        terms = self.state_terms
+        write(terms.q, q)
+        write(terms.dq, dq)
+        invoke(terms.function, terms.arguments)
+        return value(terms.M), value(terms.C), value(terms.G)
 
     def forward(self, q: Any, dq: Any, u: Any) -> Any:
-        """Return ddq, as `Model.forward` does."""
+        """Return ddq, as `Model.forward`."""
         M, bias = self.model.mass_and_bias(q, dq)
         return solve(M, u - bias)
 
 
-def _room(n: int) -> Any:
-    """Return a `KeptTerms` for `n` joints."""
-    zero, square = np.zeros(n), np.zeros((n, n))
-    return packed(KeptTerms(0, 0, zero, zero, square, square, zero))
+def _empty_terms(n: int) -> Any:
+    """Return a `StateTerms` for `n` joints."""
+    zero = np.zeros(n)
+    square = np.zeros((n, n))
+    return packed(StateTerms(0, 0, zero, zero, square, square, zero))
 
 
 class Call(NamedTuple):
-    """A call by its addresses: NumPy record with them, function, arguments and their places."""
+    """A function that compiled code calls by its address."""
 
+    #: NumPy record with the addresses.
     record: Any
     code: Code
     arguments: tuple[Any, ...]
-    places: Any
+    #: Addresses of the arguments.
+    addresses: Any
 
 
 class CompiledArm:
     """
-    The dynamics of an arm as machine code, compiled once for all laws and the plant.
+    Machine code of an arm, for all laws and the plant.
 
     Parameters
     ----------
@@ -136,56 +158,64 @@ class CompiledArm:
     Attributes
     ----------
     codes : tuple of Code
-        What must be compiled.
+        Functions that must be compiled.
     model : CompiledModel
-        As compiled functions take it.
+        The model in compiled functions.
     calls : list of Call
-        Of compiled functions.
+        Calls of the functions so far.
 
     """
 
     def __init__(self, arm: Arm, n: int) -> None:
-        self._n, self._bodies = n, (record_of(arm), record_of(tree.body_scratch(n)))
-        call = numpy_record(dict.fromkeys(('function', 'places'), np.array(0)))
-        self.model = CompiledModel(call, self._bodies[1])
-        self._terms = Code(set_terms, (*self._bodies, _room(n)), f'dynamics-{n}')
-        self._mass = Code(set_mass_and_bias, self._bodies, f'mass-{n}')
-        self.codes = self._terms, self._mass
+        self._n = n
+        self._arm = record_of(arm)
+        body = record_of(tree.body_scratch(n))
+        call = numpy_record({'function': np.array(0), 'arguments': np.array(0)})
+        self.model = CompiledModel(call, body)
+        self._set_terms = Code(
+            set_terms, (self._arm, body, _empty_terms(n)), f'dynamics-{n}'
+        )
+        set_mass = Code(set_mass_and_bias, (self._arm, body), f'mass-{n}')
+        self.codes = self._set_terms, set_mass
         self.calls: list[Call] = []
-        self._call(call, self._mass, self._bodies)
+        self._add_call(call, set_mass, (self._arm, body))
 
     def fill(self, arm: Arm) -> None:
-        """Take the numbers of another arm of as many joints."""
-        self._bodies[0].base[0] = tuple(vars(arm).values())
+        """Take the numbers of another arm."""
+        self._arm.base[0] = tuple(vars(arm).values())
 
-    def _call(self, called: Any, code: Code, arguments: tuple[Any, ...]) -> None:
-        """Set the addresses by which compiled code calls another one, with these arguments."""
-        made = Call(called, code, arguments, places(arguments))
-        self.calls.append(made)
+    def _add_call(self, addresses: Any, code: Code, arguments: tuple[Any, ...]) -> None:
+        """Set the addresses by which compiled code calls a function."""
+        call = Call(addresses, code, arguments, places(arguments))
+        self.calls.append(call)
         if code.compiled:
-            called['function'], called['places'] = code.address(), made.places.ctypes.data
+            addresses['function'] = code.address()
+            addresses['arguments'] = call.addresses.ctypes.data
 
-    def place(self) -> Any:
-        """Return a place for the terms of a state."""
-        place = _room(self._n)
-        self._call(place, self._terms, (*self._bodies, place))
-        return place
+    def add_terms(self) -> Any:
+        """Return a `StateTerms` whose call is set."""
+        terms = _empty_terms(self._n)
+        self._add_call(terms, self._set_terms, (self._arm, self.model.body, terms))
+        return terms
 
 
 @function
-def set_terms(arm: Any, body: Any, place: Any) -> int:
-    """Set M, C and G of a `KeptTerms` for its q and dq."""
-    terms(arm, place.q, place.dq, body, place.M, place.C, place.G)
+def set_terms(arm: Any, body: Any, terms: Any) -> int:
+    """Set M, C and G of a `StateTerms`."""
+    evaluate(arm, terms.q, terms.dq, body, terms.M, terms.C, terms.G)
     return 0
 
 
 @function
 def set_mass_and_bias(arm: Any, s: Any) -> int:
-    """Set M and C dq + G of a `BodyScratch` for its q and dq."""
+    """Set M and C dq + G of a scratch."""
     if arm.closed:
-        terms(arm, s.q, s.dq, s, s.M, s.C, s.bias)
+        evaluate(arm, s.q, s.dq, s, s.M, s.C, s.bias)
+        C = s.C
+        v1 = s.dq[0]
+        v2 = s.dq[1]
         for i in range(2):
-            s.bias[i] += s.C[i, 0] * s.dq[0] + s.C[i, 1] * s.dq[1]
+            s.bias[i] += C[i, 0] * v1 + C[i, 1] * v2
     else:
         tree.place(arm, s.q, s)
         tree.weigh(arm, s)
@@ -196,13 +226,20 @@ def set_mass_and_bias(arm: Any, s: Any) -> int:
 
 
 @function
-def terms(arm: Any, q: Any, dq: Any, s: Any, M: Any, C: Any, G: Any) -> None:
-    """Set M(q), C(q, dq) and G(q), shapes (n, n), (n, n) and (n,), of an `Arm`."""
+def evaluate(arm: Any, q: Any, dq: Any, s: Any, M: Any, C: Any, G: Any) -> None:
+    """Set M, C and G of an arm at a state."""
     if arm.closed:
-        m11, m12, m22, k, g1, g2 = two_link.terms(arm.gravity, q)
-        c, k = arm.scale, arm.scale * k
-        M[0, 0], M[0, 1], M[1, 0], M[1, 1] = c * m11, c * m12, c * m12, c * m22
-        C[0, 0], C[0, 1], C[1, 0], C[1, 1] = -k * dq[1], -k * (dq[0] + dq[1]), k * dq[0], 0.0
-        G[0], G[1] = c * g1, c * g2
+        t = two_link.terms(arm.gravity, q)
+        scale = arm.scale
+        M[0, 0] = scale * t.m11
+        M[0, 1] = M[1, 0] = scale * t.m12
+        M[1, 1] = scale * t.m22
+        k = scale * t.coupling
+        C[0, 0] = -k * dq[1]
+        C[0, 1] = -k * (dq[0] + dq[1])
+        C[1, 0] = k * dq[0]
+        C[1, 1] = 0.0
+        G[0] = scale * t.g1
+        G[1] = scale * t.g2
     else:
         tree.evaluate(arm, q, dq, s, M, C, G)

@@ -13,9 +13,10 @@
 # limitations under the License.
 
 """
-The XML of a robot's description, read as urdfdom reads it.
+Parser of robot descriptions, as tolerant as urdfdom.
 
-Elements of other programs are left alone, and a prefix need not be declared.
+`urdf_parser` and the writers of URDFs call it. Elements of other programs stay. A prefix need
+not be declared.
 """
 
 from __future__ import annotations
@@ -31,14 +32,26 @@ _MOST_BODIES = 500
 #: Prefix of the elements of xacro.
 XACRO = 'xacro:'
 #: Elements that xacro replaces whenever it runs. Others are macros, and stay if xacro has none.
-_XACRO_COMMANDS = tuple(XACRO + name for name in (
-    'include', 'macro', 'property', 'arg', 'if', 'unless', 'insert_block', 'element', 'attribute',
-    'call'))
+_XACRO_COMMANDS = tuple(
+    XACRO + name
+    for name in (
+        'include',
+        'macro',
+        'property',
+        'arg',
+        'if',
+        'unless',
+        'insert_block',
+        'element',
+        'attribute',
+        'call',
+    )
+)
 
 
 def parse_description(text: str, comments: bool = False) -> ET.Element:
     """
-    Return the outermost element of a robot's description, URDF or MJCF.
+    Return the outermost element of a URDF or MJCF.
 
     Parameters
     ----------
@@ -55,21 +68,25 @@ def parse_description(text: str, comments: bool = False) -> ET.Element:
 
     """
     if len(text) > _LARGEST_CHARACTERS:
-        raise CtcError(f'the description is too large: {len(text)} characters, of '
-                       f'{_LARGEST_CHARACTERS} at most')
+        raise CtcError(
+            f'the description is too large: {len(text)} characters, of '
+            f'{_LARGEST_CHARACTERS} at most'
+        )
     if '<!ENTITY' in text:
         raise CtcError('the description declares XML entities')
     root = _parse(text, comments)
     bodies = sum(element.tag in ('link', 'body') for element in root.iter())
     if bodies > _MOST_BODIES:
-        raise CtcError(f'the description is too large: {bodies} bodies, of {_MOST_BODIES} at most')
+        raise CtcError(
+            f'the description is too large: {bodies} bodies, of {_MOST_BODIES} at most'
+        )
     return root
 
 
 def _parse(text: str, comments: bool) -> ET.Element:
-    """Return the outermost element; raise `CtcError` with the line of what is wrong."""
+    """Return the outermost element. Raise `CtcError` with the faulty line."""
     body = text.lstrip()
-    lines_before = text[:len(text) - len(body)].count('\n')
+    lines_before = text[: len(text) - len(body)].count('\n')
     builder = ET.TreeBuilder(insert_comments=comments)
     parser = expat.ParserCreate()
 
@@ -87,8 +104,10 @@ def _parse(text: str, comments: bool) -> ET.Element:
     try:
         parser.Parse(body, True)
     except expat.ExpatError as error:
-        raise CtcError(f'the description is not XML: {expat.ErrorString(error.code)}: line '
-                       f'{lines_before + error.lineno}, column {error.offset}') from None
+        raise CtcError(
+            f'the description is not XML: {expat.ErrorString(error.code)}: line '
+            f'{lines_before + error.lineno}, column {error.offset}'
+        ) from None
     except ValueError as error:
         raise CtcError(f'the description is not XML: {error}') from None
     root: ET.Element = builder.close()

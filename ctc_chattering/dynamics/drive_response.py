@@ -13,15 +13,15 @@
 # limitations under the License.
 
 """
-Drives with a lag and a limited rate, between the torque that is commanded and the one that acts.
+Response of drives with a lag and a limited rate.
 
 The simulated plant, the observers of the laws and the identification compute drives with this
-module. A command c is held over a period h. The torque τ of a drive follows it, with the lag T and
-the rate limit R::
+module. They are between the torque that is commanded and the one that acts. A command c is held
+over a period h. The torque τ of a drive follows it, with the lag T and the rate limit R::
 
     dτ/dt = (c - τ) / T, within ±R                                                        (DM1)
 
-It moves at the rate R until |c - τ| = R T, then exponentially; without a lag it rises to c. Both
+It moves at the rate R until |c - τ| = R T, then exponentially. Without a lag it rises to c. Both
 phases have a closed form. So no integrator is needed, and T may be shorter than its step.
 """
 
@@ -38,7 +38,7 @@ import numpy as np
 _TINY_LAG_S = 1e-300
 #: Rate in the place of none in products with a time of 0 [N·m/s].
 _UNLIMITED_RATE = 1e300
-#: Lag in the place of 0 in `DriveModel` [s]; shorter than any period.
+#: Lag in the place of 0 in `DriveModel`, shorter than any period [s].
 _NO_LAG_S = 1e-15
 
 
@@ -95,7 +95,7 @@ def drive_phases(gap: Array, lag: Array, rate: Array, s: float) -> DrivePhases:
 @function
 def response(gap: Array, lag: Array, rate: Array, s: float) -> tuple[Array, Array]:
     """
-    Return τ - c [N·m] at `s`, and its integral from 0 to `s` [N·m·s], each of shape (n,).
+    Return τ - c [N·m] at `s`, and its integral until then [N·m·s].
 
     Parameters are those of `drive_phases`.
     """
@@ -109,9 +109,10 @@ def response(gap: Array, lag: Array, rate: Array, s: float) -> tuple[Array, Arra
 @function
 def middle_error(gap: Array, lag: Array, rate: Array, s: float, half: float) -> Array:
     """
-    Return τ - c, shape (n,), for the middle of a step from `s` - `half` to `s` + `half` [s].
+    Return τ - c for the middle of a step, shape (n,) [N·m].
 
-    With it, Simpson's rule has the exact integral over the step, whatever the lag.
+    The step is from `s` - `half` to `s` + `half` [s]. With it, Simpson's rule has the exact
+    integral over the step, whatever the lag.
     """
     start, area_before = response(gap, lag, rate, s - half)
     end, area_after = response(gap, lag, rate, s + half)
@@ -142,7 +143,7 @@ class DriveTorque(NamedTuple):
 @record
 class DriveModel(NamedTuple):
     """
-    Drives over one fixed period, with their constants; each of shape (n,).
+    Drives over one fixed period, each of shape (n,).
 
     Attributes
     ----------

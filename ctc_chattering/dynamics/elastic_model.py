@@ -13,9 +13,10 @@
 # limitations under the License.
 
 """
-An arm whose joints are elastic: a spring and a damper between each motor and its link.
+Arms with springs and dampers between motors and links.
 
-With the positions θ of the motors, all reflected to the joints (Spong, 1987)::
+The plant uses it where `joint_stiffness` is set. With the positions θ of the motors, all
+reflected to the joints (Spong, 1987)::
 
     M(q) ddq + C(q, dq) dq + G(q) = K (θ - q) + D (dθ - dq)
     J ddθ + K (θ - q) + D (dθ - dq) = τ
@@ -30,17 +31,17 @@ import numpy as np
 
 class Elastic(Model):
     """
-    Another model with motors: a `Model` of the coordinates (q, θ).
+    A model of links and motors, coordinates (q, θ).
 
-    The torque of an elastic joint acts on its θ; a rigid joint has no θ. D is part of C, so that
-    ½ dM/dt - C is skew-symmetric without it only.
+    The torque of an elastic joint acts on its θ. A rigid joint has no θ. D is part of C: without
+    it, ½ dM/dt - C is skew-symmetric.
 
     Parameters
     ----------
     model : Model
         The links.
     stiffness, damping, inertia : sequence of float, shape (n,)
-        K [N·m/rad], inf for a rigid joint; D [N·m·s/rad]; J of the motor [kg·m²].
+        K [N·m/rad], inf for a rigid joint, D [N·m·s/rad], and J of the motor [kg·m²].
 
     Attributes
     ----------
@@ -51,12 +52,17 @@ class Elastic(Model):
 
     """
 
-    def __init__(self, model: Model, stiffness: Vector, damping: Vector, inertia: Vector) -> None:
+    def __init__(
+        self, model: Model, stiffness: Vector, damping: Vector, inertia: Vector
+    ) -> None:
         elastic = np.flatnonzero(np.isfinite(stiffness))
-        self._model, self._links, self._elastic = model, model.n, elastic
+        self._model = model
+        self._links = model.n
+        self._elastic = elastic
         self.n = model.n + len(elastic)
-        self._stiffness, self._damping, self._inertia = (
-            np.array(x, float)[elastic] for x in (stiffness, damping, inertia))
+        self._stiffness, self._damping, self._inertia = np.array(
+            (stiffness, damping, inertia), float
+        )[:, elastic]
         #: θ - q of the springs is this matrix times the coordinates.
         self._stretch = np.hstack((-np.eye(model.n)[elastic], np.eye(len(elastic))))
         motors = np.arange(model.n)
@@ -66,32 +72,34 @@ class Elastic(Model):
     def mass_matrix(self, q: Vector) -> Rows:
         """Return M and J, shape (n, n)."""
         from scipy.linalg import block_diag  # type: ignore[import-untyped]
-        rows: Rows = block_diag(
-            self._model.mass_matrix(q[:self._links]), np.diag(self._inertia)).tolist()
+
+        links = self._model.mass_matrix(q[: self._links])
+        rows: Rows = block_diag(links, np.diag(self._inertia)).tolist()
         return rows
 
     def coriolis_matrix(self, q: Vector, dq: Vector) -> Rows:
         """Return C and D, shape (n, n)."""
-        links, matrix = self._links, (self._stretch.T * self._damping) @ self._stretch
+        links = self._links
+        matrix = (self._stretch.T * self._damping) @ self._stretch
         matrix[:links, :links] += self._model.coriolis_matrix(q[:links], dq[:links])
         rows: Rows = matrix.tolist()
         return rows
 
     def gravity_torque(self, q: Vector) -> Vector:
-        """Return G and the torques of the springs, shape (n,)."""
+        """Return G with the torques of the springs."""
         torque = self._stretch.T @ (self._stiffness * (self._stretch @ q))
-        torque[:self._links] += self._model.gravity_torque(q[:self._links])
+        torque[: self._links] += self._model.gravity_torque(q[: self._links])
         values: list[float] = torque.tolist()
         return values
 
     def potential_energy(self, q: Vector) -> float:
         """Return the potential energy of links and springs [J]."""
         springs = 0.5 * self._stiffness @ (self._stretch @ q) ** 2
-        return self._model.potential_energy(q[:self._links]) + float(springs)
+        return self._model.potential_energy(q[: self._links]) + float(springs)
 
     def start(self, q: Vector, dq: Vector) -> tuple[list[float], list[float]]:
         """
-        Return coordinates and velocities at which the springs carry the weight.
+        Return the state at which springs carry the weight.
 
         Parameters
         ----------
@@ -99,12 +107,15 @@ class Elastic(Model):
             Position [rad] and velocity [rad/s] of the links.
 
         """
-        sag = np.array(self._model.gravity_torque(q))[self._elastic] / self._stiffness
-        return ([*q, *(np.array(q)[self._elastic] + sag).tolist()],
-                [*dq, *np.array(dq)[self._elastic].tolist()])
+        weight = np.array(self._model.gravity_torque(q))[self._elastic]
+        motor_positions = np.array(q)[self._elastic] + weight / self._stiffness
+        motor_velocities = np.array(dq)[self._elastic]
+        return [*q, *motor_positions.tolist()], [*dq, *motor_velocities.tolist()]
 
     def rate(self, q: Vector) -> float:
-        """Return a bound of the joints' eigenvalues with the links at rest at `q` [1/s]."""
-        inverse = np.linalg.inv(np.array(self._model.mass_matrix(q))).diagonal()
-        mobility = 1.0 / self._inertia + inverse[self._elastic]
-        return float((self._damping * mobility + np.sqrt(self._stiffness * mobility)).max())
+        """Return a bound of the eigenvalues at rest [1/s]."""
+        link_mobility = np.linalg.inv(np.array(self._model.mass_matrix(q))).diagonal()
+        mobility = 1.0 / self._inertia + link_mobility[self._elastic]
+        return float(
+            (self._damping * mobility + np.sqrt(self._stiffness * mobility)).max()
+        )

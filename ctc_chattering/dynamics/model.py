@@ -13,8 +13,9 @@
 # limitations under the License.
 
 """
-What a robot model must offer: the terms of equation (1), M(q) ddq + C(q, dq) dq + G(q).
+Interface of robot models: M, C and G of (1).
 
+Laws, plants and identification call it. `registry` makes the models that a configuration names.
 Vectors are sequences of ``n`` floats, matrices sequences of rows: the plant integrates scalar by
 scalar. The control step takes M, C and G as arrays, from `Model.evaluate`.
 """
@@ -23,25 +24,33 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
 import numpy as np
+
+
+class DynamicsTerms(NamedTuple):
+    """The terms of (1) at a state, as arrays."""
+
+    M: Array
+    C: Array
+    G: Array
 
 
 class Model(ABC):
     """
     Rigid-body dynamics of an arm with `n` joints.
 
-    A subclass gives M, C and G; all else follows from them. It overrides what it has a faster
-    closed form of.
+    A subclass gives M, C, G and the potential. All else follows from them. A subclass overrides
+    what it has a faster closed form of.
     """
 
     #: Number of joints.
     n: int
-    #: Largest torque of each joint, inf for unlimited [N·m]; empty where nothing is known.
+    #: Largest torque of each joint, inf for unlimited [N·m]. Empty where nothing is known.
     effort_limits: Vector = ()
-    #: Which joints turn endlessly, their position counting modulo 2π; empty for none.
+    #: True for joints that turn endlessly: their position counts modulo 2π. Empty for none.
     continuous: Sequence[bool] = ()
 
     @abstractmethod
@@ -50,7 +59,7 @@ class Model(ABC):
 
     @abstractmethod
     def coriolis_matrix(self, q: Vector, dq: Vector) -> Rows:
-        """Return C(q, dq), shape (n, n), such that ½ dM/dt - C is skew-symmetric."""
+        """Return C(q, dq) with ½ dM/dt - C skew-symmetric, shape (n, n)."""
 
     @abstractmethod
     def gravity_torque(self, q: Vector) -> Vector:
@@ -60,16 +69,18 @@ class Model(ABC):
     def potential_energy(self, q: Vector) -> float:
         """Return the potential whose gradient is G(q) [J]."""
 
-    def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
-        """Return M(q), C(q, dq) and G(q) as arrays, shapes (n, n), (n, n) and (n,)."""
-        at, speed = q.tolist(), dq.tolist()
-        return (np.array(self.mass_matrix(at), float),
-                np.array(self.coriolis_matrix(at, speed), float),
-                np.array(self.gravity_torque(at), float))
+    def evaluate(self, q: Array, dq: Array) -> DynamicsTerms:
+        """Return M(q), C(q, dq) and G(q) as arrays."""
+        position = q.tolist()
+        return DynamicsTerms(
+            np.array(self.mass_matrix(position), float),
+            np.array(self.coriolis_matrix(position, dq.tolist()), float),
+            np.array(self.gravity_torque(position), float),
+        )
 
     def forward(self, q: Array, dq: Array, u: Array) -> Array:
         """
-        Return ddq, shape (n,) [rad/s²], of (1) under the torque `u`.
+        Return ddq of (1) under a torque, shape (n,).
 
         Parameters
         ----------
@@ -81,25 +92,26 @@ class Model(ABC):
         return np.array(np.linalg.solve(M, u - bias), float)
 
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
-        """Return M(q) a + C(q, dq) dq + G(q), shape (n,) [N·m], the left side of (1)."""
-        torque: Array = (np.array(self.mass_matrix(q)).dot(a)
-                         + np.array(self.coriolis_matrix(q, dq)).dot(dq) + self.gravity_torque(q))
+        """Return the left side of (1), shape (n,) [N·m]."""
+        M = np.array(self.mass_matrix(q))
+        C = np.array(self.coriolis_matrix(q, dq))
+        torque: Array = M.dot(a) + C.dot(dq) + self.gravity_torque(q)
         values: list[float] = torque.tolist()
         return values
 
     def mass_and_bias(self, q: Array, dq: Array) -> tuple[Array, Array]:
-        """Return M(q) and C(q, dq) dq + G(q) as arrays, shapes (n, n) and (n,)."""
-        at, speed = q.tolist(), dq.tolist()
-        return (np.array(self.mass_matrix(at), float),
-                np.array(self.inverse_dynamics(at, speed, (0.0,) * self.n), float))
+        """Return M and C dq + G as arrays."""
+        position = q.tolist()
+        bias = self.inverse_dynamics(position, dq.tolist(), (0.0,) * self.n)
+        return np.array(self.mass_matrix(position), float), np.array(bias, float)
 
 
 @runtime_checkable
 class LinearModel(Protocol):
     """
-    What a model offers besides `Model` if errors of its parameters are to be identified.
+    Interface of models whose inertial parameters can be identified.
 
-    A model derived from it gives the parameters and the regressor.
+    A model derived from it and from `Model` gives the parameters and the regressor.
     """
 
     n: int
@@ -109,36 +121,43 @@ class LinearModel(Protocol):
         """Return the parameters, shape (p,)."""
 
     def parameter_sizes(self) -> Array:
-        """Return by how much each may be off at most, roughly, shape (p,)."""
+        """Return the rough size of each parameter, shape (p,)."""
         return self.inertial_parameters()
 
-    def torque_regressor(self, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
+    def torque_regressor(
+        self, q: Array, dq: Array, ddq: Array, gravity: Array
+    ) -> Array:
         """
-        Return the derivative of the inverse dynamics by the parameters, shape (n, p).
+        Return the torque per parameter, shape (n, p).
 
         `gravity` is the vector of its acceleration in the frame of the base, shape (3,) [m/s²].
         """
 
     def gravity_map(self, q: Array) -> Array:
-        """Return the derivative of G(q) by the vector of gravity, shape (n, 3)."""
-        still, own = np.zeros(self.n), self.inertial_parameters()
-        return np.column_stack([self.torque_regressor(q, still, still, axis) @ own
-                                for axis in np.eye(3)])
+        """Return G per component of gravity, shape (n, 3)."""
+        rest = np.zeros(self.n)
+        parameters = self.inertial_parameters()
+        return np.column_stack(
+            [
+                self.torque_regressor(q, rest, rest, axis) @ parameters
+                for axis in np.eye(3)
+            ]
+        )
 
 
 def rotors(model: LinearModel) -> Array:
-    """Return the inertias of rotors that a model has, shape (n,) [kg·m²]; only a URDF has any."""
+    """Return the rotor inertias of a model, shape (n,) [kg·m²]."""
     return np.array(getattr(model, 'rotor_inertias', (0.0,) * model.n))
 
 
 class Scaled(Model):
     """
-    Another model with M and C times one factor and G times another.
+    Another model with scaled M, C and G.
 
     Parameters
     ----------
     model : Model
-        The one to scale.
+        Model to scale.
     inertia : float
         Factor of M and C.
     gravity : float
@@ -147,18 +166,20 @@ class Scaled(Model):
     """
 
     def __init__(self, model: Model, inertia: float, gravity: float) -> None:
-        self.n, self.effort_limits = model.n, model.effort_limits
+        self.n = model.n
+        self.effort_limits = model.effort_limits
         self.continuous = model.continuous
         self._model = model
-        self._inertia, self._gravity = inertia, gravity
+        self._inertia = inertia
+        self._gravity = gravity
 
     def mass_matrix(self, q: Vector) -> Rows:
         """Return M(q), shape (n, n)."""
-        return [[self._inertia * x for x in row] for row in self._model.mass_matrix(q)]
+        return _scaled_rows(self._inertia, self._model.mass_matrix(q))
 
     def coriolis_matrix(self, q: Vector, dq: Vector) -> Rows:
         """Return C(q, dq), shape (n, n)."""
-        return [[self._inertia * x for x in row] for row in self._model.coriolis_matrix(q, dq)]
+        return _scaled_rows(self._inertia, self._model.coriolis_matrix(q, dq))
 
     def gravity_torque(self, q: Vector) -> Vector:
         """Return G(q), shape (n,)."""
@@ -167,3 +188,7 @@ class Scaled(Model):
     def potential_energy(self, q: Vector) -> float:
         """Return the scaled potential energy [J]."""
         return self._gravity * self._model.potential_energy(q)
+
+
+def _scaled_rows(factor: float, rows: Rows) -> Rows:
+    return [[factor * x for x in row] for row in rows]

@@ -13,12 +13,14 @@
 # limitations under the License.
 
 """
-Whether a model is one: properties that the laws and the proof rest on, tested by numbers.
+Numerical tests of the properties that laws rest on.
 
-Of a URDF masses and inertias are checked first, link by link: no rigid body can break these.
+`check_dynamics` and `ctc check-model` run them at random states, also for models of your own.
+For a URDF, `inertia_faults` first examines masses and inertias link by link. No rigid body can
+break these rules.
 
-Every error is relative. Entries of matrices and torques are measured against √(M_ii M_jj), so that
-a light wrist counts as much as a heavy shoulder. Derivatives are central differences.
+Every error is relative. Elements of matrices and torques are measured against √(M_ii M_jj): a
+light wrist counts as much as a heavy shoulder. Derivatives are central differences.
 """
 
 from __future__ import annotations
@@ -28,21 +30,25 @@ from typing import NamedTuple
 import xml.etree.ElementTree as ET
 
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.dynamics.urdf_parser import Tree
+from ctc_chattering.dynamics.urdf_parser import Inertial, Tree
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.parameters import whole
 import numpy as np
 
 #: Step of the differences [rad].
-_STEP = 1e-5
-#: Of sums, of solutions of linear systems, and of differences.
-_EXACT, _SOLVED, _DIFFERENCES = 1e-10, 1e-8, 1e-6
-#: Largest ratio of eigenvalues of M, scaled to a diagonal of ones.
-_CONDITION = 1e10
-#: By how much a moment of inertia may exceed the sum of the others: digits of the file.
-_ROUNDING = 1e-3
-#: What counts as 0 [kg*m^2].
-_NOTHING = 1e-15
+_STEP_RAD = 1e-5
+#: Largest relative error of sums.
+_SUM_TOLERANCE = 1e-10
+#: Largest relative error of solutions of linear systems.
+_SOLUTION_TOLERANCE = 1e-8
+#: Largest relative error of central differences.
+_DIFFERENCE_TOLERANCE = 1e-6
+#: Largest ratio of the eigenvalues of M, scaled to a diagonal of ones.
+_LARGEST_CONDITION = 1e10
+#: Moments of inertia below this count as 0 [kg·m²].
+_NO_INERTIA_KGM2 = 1e-15
+#: A moment may exceed the sum of the others by this ratio: a file has few digits.
+_MOMENT_ROUNDING = 1e-3
 
 
 class PropertyCheck(NamedTuple):
@@ -53,53 +59,88 @@ class PropertyCheck(NamedTuple):
     #: The worst value among the samples, which must not exceed `tolerance`.
     worst: float
     tolerance: float
-    #: Position and velocity where it was.
+    #: Position and velocity of the worst value.
     q: tuple[float, ...]
     dq: tuple[float, ...]
-    #: What the model raised there, if that is why.
+    #: Exception that the model raised there, or nothing.
     error: str = ''
 
 
 class _SampledState:
-    """A sampled state and what the model says of it, as arrays."""
+    """A random state, and the model's terms there."""
 
-    def __init__(self, model: Model, q: Array, dq: Array, x: Array) -> None:
-        self.model, self.q, self.dq, self.x = model, q, dq, x
-        self.at: tuple[list[float], list[float]] = (q.tolist(), dq.tolist())
-        self.speed = float(np.abs(dq).max()) + 1e-9
+    def __init__(self, model: Model, rng: np.random.Generator) -> None:
+        self.model = model
+        self.q: Array = rng.uniform(-np.pi, np.pi, model.n)
+        self.dq: Array = rng.uniform(-2.0, 2.0, model.n)
+        #: An acceleration.
+        self.ddq: Array = rng.uniform(-3.0, 3.0, model.n)
+        self.speed = float(np.abs(self.dq).max()) + 1e-9
 
-    def ask(self) -> float:
-        """Ask for M, C and G; return inf unless they are finite and have their shapes, else 0."""
-        n, model = self.model.n, self.model
-        self.mass = np.array(model.mass_matrix(self.at[0]), dtype=float)
-        self.coriolis = np.array(model.coriolis_matrix(*self.at), dtype=float)
-        self.weight = np.array(model.gravity_torque(self.at[0]), dtype=float)
-        terms = (self.mass, self.coriolis, self.weight)
-        if [x.shape for x in terms] != [(n, n), (n, n), (n,)] or not all(
-                np.isfinite(x).all() for x in terms):
-            return np.inf
+    def evaluate(self) -> None:
+        """Ask the model for M, C and G."""
+        q = self.q.tolist()
+        dq = self.dq.tolist()
+        self.M = np.array(self.model.mass_matrix(q), dtype=float)
+        self.C = np.array(self.model.coriolis_matrix(q, dq), dtype=float)
+        self.G = np.array(self.model.gravity_torque(q), dtype=float)
         #: √M_ii, shape (n,).
-        self.size: Array = np.sqrt(np.maximum(np.abs(self.mass.diagonal()), 1e-300))
-        return 0.0
+        self.size: Array = np.sqrt(np.maximum(np.abs(self.M.diagonal()), 1e-300))
 
-    def matrix_error(self, error: Array, per: float = 1.0) -> float:
-        return float(np.abs(error / np.outer(self.size, self.size)).max()) / per
+    def is_well_formed(self) -> bool:
+        """Return whether terms are finite and have their shapes."""
+        n = self.model.n
+        terms = (self.M, self.C, self.G)
+        return [x.shape for x in terms] == [(n, n), (n, n), (n,)] and all(
+            np.isfinite(x).all() for x in terms
+        )
 
-    def torque_error(self, error: Array, per: Array) -> float:
-        """Return an error of a torque against the terms it is a sum of."""
-        return float((np.abs(error) / (np.abs(per) + 1e-12 * self.size ** 2 + 1e-300)).max())
+    def matrix_error(self, error: Array, scale: float = 1.0) -> float:
+        """Return the largest relative element of an error of M."""
+        return float(np.abs(error / np.outer(self.size, self.size)).max()) / scale
+
+    def torque_error(self, error: Array, load: Array) -> float:
+        """Return the largest relative error of a torque."""
+        return float(
+            (np.abs(error) / (np.abs(load) + 1e-12 * self.size**2 + 1e-300)).max()
+        )
+
+    def load(self, ddq: Array) -> Array:
+        """Return the size of the terms of (1)."""
+        load: Array = (
+            np.abs(self.M) @ np.abs(ddq)
+            + np.abs(self.C) @ np.abs(self.dq)
+            + np.abs(self.G).max()
+            + self.size * self.size.max() * self.speed**2
+        )
+        return load
 
     def slope(self, function: Callable[[Vector], object], direction: Array) -> Array:
-        """Return the derivative of a function of q along a direction."""
-        up, down = (np.array(function((self.q + step).tolist()))
-                    for step in (_STEP * direction, -_STEP * direction))
-        slope: Array = (up - down) / (2.0 * _STEP)
+        """Return the derivative along a direction."""
+        step = _STEP_RAD * direction
+        above = np.array(function((self.q + step).tolist()))
+        below = np.array(function((self.q - step).tolist()))
+        slope: Array = (above - below) / (2.0 * _STEP_RAD)
         return slope
 
+    def gradient(self, function: Callable[[Vector], object]) -> Array:
+        """Return the derivatives along all joints, shape (n, ...)."""
+        return np.array([self.slope(function, axis) for axis in np.eye(self.model.n)])
 
-def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[PropertyCheck]:
+
+class _Check(NamedTuple):
+    """A property of a model, with its error at a state."""
+
+    name: str
+    tolerance: float
+    error_of: Callable[[_SampledState], float]
+
+
+def check_dynamics(
+    model: Model, seed: int = 0, samples: int = 20
+) -> list[PropertyCheck]:
     """
-    Test a model at random states: M, C, G and the products that the laws rest on.
+    Test the terms of a model at random states.
 
     Parameters
     ----------
@@ -108,18 +149,18 @@ def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[Prope
     seed : int
         Of the states: the same seed, the same states.
     samples : int
-        Number of states; at least 1.
+        Number of states, at least 1.
 
     Returns
     -------
     list of PropertyCheck
-        One for each check, with ``name``, ``passed``, ``worst`` and ``tolerance``; if values are
-        missing or not finite, for that alone.
+        One for each check, with ``name``, ``passed``, ``worst`` and ``tolerance``. If values are
+        missing or not finite, only that check.
 
     Raises
     ------
     ParameterError
-        If an argument is not allowed; what the model raises is in the result.
+        If an argument is not allowed. What the model raises is in the result.
 
     Examples
     --------
@@ -128,113 +169,142 @@ def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[Prope
     True
 
     """
-    seed, samples = whole('seed', seed, 0), whole('samples', samples, 1)
+    seed = whole('seed', seed, 0)
+    samples = whole('samples', samples, 1)
     rng = np.random.default_rng(seed)
-    n = model.n
-    states = [_SampledState(model, rng.uniform(-np.pi, np.pi, n), rng.uniform(-2.0, 2.0, n),
-                            rng.uniform(-3.0, 3.0, n)) for _ in range(samples)]
-    shaped = _worst('values are finite and have their shapes', 0.0, _SampledState.ask, states)
-    if not shaped.passed:
-        return [shaped]
-    return [shaped, *(_worst(*check, states) for check in _CHECKS)]
+    states = [_SampledState(model, rng) for _ in range(samples)]
+    shapes = _worst(_SHAPES, states)
+    if not shapes.passed:
+        return [shapes]
+    return [shapes, *(_worst(check, states) for check in _CHECKS)]
 
 
-def _worst(name: str, tolerance: float, error: Callable[[_SampledState], float],
-           states: Sequence[_SampledState]) -> PropertyCheck:
-    worst, where, why = -1.0, states[0], ''
-    for state in states:
-        try:
-            value, text = error(state), ''
-        except Exception as exception:  # Whatever a model raises, it is no model.
-            value, text = np.inf, f'{type(exception).__name__}: {exception}'
-        if not value <= worst:  # NaN is the worst.
-            worst, where, why = value if value == value else np.inf, state, text
-    return PropertyCheck(name, worst <= tolerance, float(worst), tolerance,
-                         tuple(where.at[0]), tuple(where.at[1]), why)
+def _worst(check: _Check, states: Sequence[_SampledState]) -> PropertyCheck:
+    """Return a check at its worst state."""
+    return max(
+        (_outcome(check, state) for state in states), key=lambda outcome: outcome.worst
+    )
 
 
-def _symmetric(s: _SampledState) -> float:
-    return s.matrix_error(s.mass - s.mass.T)
+def _outcome(check: _Check, state: _SampledState) -> PropertyCheck:
+    """Return a check at a state."""
+    exception_text = ''
+    try:
+        error = float(check.error_of(state))
+    except Exception as exception:  # Whatever a model raises, it is no model.
+        error = np.inf
+        exception_text = f'{type(exception).__name__}: {exception}'
+    if np.isnan(error):
+        error = np.inf
+    q = tuple(state.q.tolist())
+    dq = tuple(state.dq.tolist())
+    return PropertyCheck(
+        check.name,
+        error <= check.tolerance,
+        error,
+        check.tolerance,
+        q,
+        dq,
+        exception_text,
+    )
 
 
-def _condition(s: _SampledState) -> float:
-    values = np.linalg.eigvalsh(s.mass / np.outer(s.size, s.size))
+def _malformed(s: _SampledState) -> float:
+    s.evaluate()
+    return 0.0 if s.is_well_formed() else np.inf
+
+
+def _symmetry_error(s: _SampledState) -> float:
+    return s.matrix_error(s.M - s.M.T)
+
+
+def _condition_number(s: _SampledState) -> float:
+    values = np.linalg.eigvalsh(s.M / np.outer(s.size, s.size))
     return float(values[-1] / values[0]) if values[0] > 0.0 else np.inf
 
 
-def _skew(s: _SampledState) -> float:
-    skew = 0.5 * s.slope(s.model.mass_matrix, s.dq) - s.coriolis
+def _skew_error(s: _SampledState) -> float:
+    skew = 0.5 * s.slope(s.model.mass_matrix, s.dq) - s.C
     return s.matrix_error(skew + skew.T, s.speed)
 
 
-def _lagrange(s: _SampledState) -> float:
-    """Check C dq against dM/dt dq - ½ grad(dqᵀ M dq), which fixes C dq whatever C is."""
-    gradient = [0.5 * s.dq @ s.slope(s.model.mass_matrix, x) @ s.dq for x in np.eye(s.model.n)]
-    expected = s.slope(s.model.mass_matrix, s.dq) @ s.dq - np.array(gradient)
-    error = (s.coriolis @ s.dq - expected) / s.size
-    return float(np.abs(error).max() / (s.size.max() * s.speed ** 2))
+def _lagrange_error(s: _SampledState) -> float:
+    """Compare C dq with dM/dt dq - ½ grad(dqᵀ M dq)."""
+    mass_matrix = s.model.mass_matrix
+    gradient = 0.5 * s.gradient(mass_matrix) @ s.dq @ s.dq
+    expected = s.slope(mass_matrix, s.dq) @ s.dq - gradient
+    error = (s.C @ s.dq - expected) / s.size
+    return float(np.abs(error).max() / (s.size.max() * s.speed**2))
 
 
-def _gradient(s: _SampledState) -> float:
-    slope = np.array([s.slope(s.model.potential_energy, x) for x in np.eye(s.model.n)])
-    scale = float(np.abs([s.weight, slope]).max())
+def _gradient_error(s: _SampledState) -> float:
+    potential = s.model.potential_energy
+    gradient = s.gradient(potential)
+    scale = float(np.abs([s.G, gradient]).max())
     # The difference of two potentials is known no better than they are.
-    noise = 1e-8 * abs(s.model.potential_energy(s.at[0]))
-    return float(np.abs(s.weight - slope).max()) / (
-        scale + noise + 1e-6 * float(s.size.max()) ** 2)
+    noise = 1e-8 * abs(potential(s.q.tolist()))
+    return float(np.abs(s.G - gradient).max()) / (
+        scale + noise + 1e-6 * float(s.size.max()) ** 2
+    )
 
 
-def _inverse(s: _SampledState) -> float:
-    made = np.reshape(s.model.inverse_dynamics(*s.at, s.x.tolist()), s.x.shape)
-    return s.torque_error(made - s.mass @ s.x - s.coriolis @ s.dq - s.weight, _load(s, s.x))
+def _inverse_error(s: _SampledState) -> float:
+    torque = s.model.inverse_dynamics(s.q.tolist(), s.dq.tolist(), s.ddq.tolist())
+    error = np.reshape(torque, s.ddq.shape) - s.M @ s.ddq - s.C @ s.dq - s.G
+    return s.torque_error(error, s.load(s.ddq))
 
 
-def _load(s: _SampledState, a: Array) -> Array:
-    """Return the size of the terms of equation (1)."""
-    load: Array = (np.abs(s.mass) @ np.abs(a) + np.abs(s.coriolis) @ np.abs(s.dq)
-                   + np.abs(s.weight).max() + s.size * s.size.max() * s.speed ** 2)
-    return load
+def _forward_error(s: _SampledState) -> float:
+    torque = s.G + s.size * s.ddq
+    ddq = s.model.forward(s.q.copy(), s.dq.copy(), torque)
+    error = s.M @ ddq + s.C @ s.dq + s.G - torque
+    return s.torque_error(error, s.load(ddq) + np.abs(torque))
 
 
-def _forward(s: _SampledState) -> float:
-    u = s.weight + s.size * s.x
-    ddq = s.model.forward(s.q.copy(), s.dq.copy(), u)
-    error = s.mass @ ddq + s.coriolis @ s.dq + s.weight - u
-    return s.torque_error(error, _load(s, ddq) + np.abs(u))
+def _evaluate_error(s: _SampledState) -> float:
+    M, C, G = s.model.evaluate(s.q.copy(), s.dq.copy())
+    return max(
+        s.matrix_error(M - s.M),
+        s.matrix_error(C - s.C, s.speed),
+        s.torque_error(G - s.G, np.abs(s.G).max() + s.size),
+    )
 
 
-def _evaluate(s: _SampledState) -> float:
-    mass, coriolis, weight = s.model.evaluate(s.q.copy(), s.dq.copy())
-    scale = np.abs(s.weight).max() + s.size
-    return max(s.matrix_error(mass - s.mass), s.matrix_error(coriolis - s.coriolis, s.speed),
-               s.torque_error(weight - s.weight, scale))
-
-
-_CHECKS: tuple[tuple[str, float, Callable[[_SampledState], float]], ...] = (
-    ('M is symmetric', _EXACT, _symmetric),
-    ('M is positive definite (condition number)', _CONDITION, _condition),
-    ('½ dM/dt - C is skew-symmetric', _DIFFERENCES, _skew),
-    ('C dq is what M gives', _DIFFERENCES, _lagrange),
-    ('G is the gradient of the potential', _DIFFERENCES, _gradient),
-    ('evaluate gives M, C and G', _EXACT, _evaluate),
-    ('inverse_dynamics is M a + C dq + G', _EXACT, _inverse),
-    ('forward dynamics undoes inverse dynamics', _SOLVED, _forward))
+_SHAPES = _Check('values are finite and have their shapes', 0.0, _malformed)
+_CHECKS = (
+    _Check('M is symmetric', _SUM_TOLERANCE, _symmetry_error),
+    _Check(
+        'M is positive definite (condition number)',
+        _LARGEST_CONDITION,
+        _condition_number,
+    ),
+    _Check('½ dM/dt - C is skew-symmetric', _DIFFERENCE_TOLERANCE, _skew_error),
+    _Check('C dq is what M gives', _DIFFERENCE_TOLERANCE, _lagrange_error),
+    _Check(
+        'G is the gradient of the potential', _DIFFERENCE_TOLERANCE, _gradient_error
+    ),
+    _Check('evaluate gives M, C and G', _SUM_TOLERANCE, _evaluate_error),
+    _Check('inverse_dynamics is M a + C dq + G', _SUM_TOLERANCE, _inverse_error),
+    _Check(
+        'forward dynamics undoes inverse dynamics', _SOLUTION_TOLERANCE, _forward_error
+    ),
+)
 
 
 def inertia_faults(urdf: str, joints: Sequence[str]) -> list[str]:
     """
-    Return what is wrong with the links that move, a line for each; empty if nothing is.
+    Return the faults of moving links, a line each.
 
-    A link moves if one of `joints` is between it and the root. It must have a mass if it has a
-    shape, and principal moments of inertia that are positive and of which none exceeds the sum
-    of the other two.
+    A link moves if a joint of the model is between it and the root. It must have a mass if it has
+    a shape. Its principal moments of inertia must not be negative, and none may exceed the sum of
+    the other two.
 
     Parameters
     ----------
     urdf : str
         Text that `urdf_parser.Tree` accepts.
     joints : sequence of str
-        Those of the model.
+        Joints of the model.
 
     """
     tree = Tree(urdf)
@@ -242,25 +312,27 @@ def inertia_faults(urdf: str, joints: Sequence[str]) -> list[str]:
     for name, (parent, child) in tree.ends.items():
         if name in joints or parent in moving:
             moving.add(child)
-    return [f'link {name} {fault}' for name, link in tree.links.items()
-            if name in moving and (fault := _fault(link))]
+    return [
+        f'link {name} {fault}'
+        for name, link in tree.links.items()
+        if name in moving and (fault := _inertia_fault(link, tree.inertials[name]))
+    ]
 
 
-def _fault(link: ET.Element) -> str:
-    """Return what is wrong with the inertia of a link; empty for nothing."""
+def _inertia_fault(link: ET.Element, inertial: Inertial | None) -> str:
+    """Return the fault of an inertia, or nothing."""
     shaped = link.find('visual') is not None or link.find('collision') is not None
-    mass, tensor = link.find('inertial/mass'), link.find('inertial/inertia')
-    if mass is None or tensor is None:
+    if inertial is None:
         return 'moves and has a shape, but no inertia' if shaped else ''
-    m = float(mass.get('value', ''))
-    xx, xy, xz, yy, yz, zz = (
-        float(tensor.get(key, '')) for key in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz'))
-    moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    if m == 0.0 and shaped:
+    if inertial.mass == 0.0 and shaped:
         return 'moves and has a shape, but no mass'
-    slack = _ROUNDING * float(np.abs(moments).max()) + _NOTHING
-    if moments[0] < -slack or moments[2] > moments[0] + moments[1] + slack:
-        shown = ', '.join(f'{x:.4g}' for x in moments)
-        return (f'has a mass of {m:g} kg and principal moments {shown} kg*m^2: none may be '
-                'negative, or exceed the sum of the others')
-    return ''
+    xx, xy, xz, yy, yz, zz = inertial.moments.values()
+    moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    slack = _MOMENT_ROUNDING * float(np.abs(moments).max()) + _NO_INERTIA_KGM2
+    if moments[0] >= -slack and moments[2] <= moments[0] + moments[1] + slack:
+        return ''
+    shown = ', '.join(f'{x:.4g}' for x in moments)
+    return (
+        f'has a mass of {inertial.mass:g} kg and principal moments {shown} kg*m^2: none may '
+        'be negative, or exceed the sum of the others'
+    )

@@ -13,16 +13,17 @@
 # limitations under the License.
 
 """
-The ten inertial parameters of a body as one symmetric matrix.
+Inertial parameters of a body as one symmetric matrix.
 
-With the mass m, the first moment h and the inertia I about the same point, the pseudo-inertia is
-the second moment of the mass over (x, y, z, 1):
+The prior of `ctc identify` and the corrected URDF need to know which parameters a rigid body can
+have. With the mass m, the first moment h and the inertia I about the same point, the
+pseudo-inertia is the second moment of the mass over (x, y, z, 1):
 
     J = [[½ tr(I) 1 - I, h], [hᵀ, m]] = ∫ (r, 1) (r, 1)ᵀ dm                               (PI1)
 
 A body can have these parameters if, and only if, J is positive semidefinite (Wensing, Kim and
-Slotine, 2018; Traversaro et al., 2016): mass, principal moments and the triangle inequality at
-once.
+Slotine, 2018; Traversaro et al., 2016). That covers mass, principal moments and the triangle
+inequality.
 """
 
 from __future__ import annotations
@@ -30,22 +31,34 @@ from __future__ import annotations
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: Rows and columns of the elements of a symmetric matrix of four, column by column.
-ROW, COLUMN = (np.array(x) for x in zip(*((i, j) for j in range(4) for i in range(j + 1))))
-#: √2 off the diagonal: with it, the product of two vectors is that of their matrices.
-_STRETCH = np.where(ROW == COLUMN, 1.0, np.sqrt(2.0))
-#: Least eigenvalue of a reference, with its own mass and length as units.
-_FLOOR = 0.01
-#: Its mass, where the model has none, as a part of the largest [1], and its radius [m].
-_PART, _RADIUS = 0.1, 0.05
+#: Rows and columns of the upper triangle of J, column by column.
+_UPPER = np.tril_indices(4)[::-1]
+#: √2 off the diagonal. With it, the product of two vectors is that of their matrices.
+_STRETCH = np.where(np.equal(*_UPPER), 1.0, np.sqrt(2.0))
+#: Least eigenvalue of the reference body of `unit`, in its own units.
+_REFERENCE_FLOOR = 0.01
+#: Mass of a reference body whose model has none, relative to the heaviest body.
+_REFERENCE_MASS_RATIO = 0.1
+#: Length of a reference body whose model has no extent [m].
+_REFERENCE_LENGTH_M = 0.05
+#: Least length in `is_possible` [m]. It avoids a division by zero.
+_LEAST_LENGTH_M = 1e-6
+#: Negative eigenvalues of J above this, in the body's units, are rounding.
+_EIGENVALUE_ROUNDING = 1e-12
 
 
 def pseudo_inertia(parameters: Array) -> Array:
-    """Return J, shape (4, 4), of parameters in the order of `PARAMETERS`, shape (10,)."""
+    """Return J of ten parameters in Pinocchio's order."""
     m, x, y, z, xx, xy, yy, xz, yz, zz = parameters
-    half = 0.5 * (xx + yy + zz)
-    return np.array([[half - xx, -xy, -xz, x], [-xy, half - yy, -yz, y],
-                     [-xz, -yz, half - zz, z], [x, y, z, m]])
+    half_trace = 0.5 * (xx + yy + zz)
+    return np.array(
+        [
+            [half_trace - xx, -xy, -xz, x],
+            [-xy, half_trace - yy, -yz, y],
+            [-xz, -yz, half_trace - zz, z],
+            [x, y, z, m],
+        ]
+    )
 
 
 def parameters_of(matrix: Array) -> Array:
@@ -54,26 +67,44 @@ def parameters_of(matrix: Array) -> Array:
     return np.array([m, x, y, z, syy + szz, -sxy, sxx + szz, -sxz, -syz, sxx + syy])
 
 
+def is_possible(matrix: Array) -> bool:
+    """Return whether a body can have this J."""
+    mass = matrix[3, 3]
+    if not mass > 0.0:
+        return False
+    length = np.sqrt(max(np.trace(matrix[:3, :3]) / mass, _LEAST_LENGTH_M**2))
+    units = _units(mass, length)
+    return bool(
+        np.linalg.eigvalsh(matrix / np.outer(units, units))[0] > -_EIGENVALUE_ROUNDING
+    )
+
+
+def _units(mass: float, length: float) -> Array:
+    """Return the units of J: it is over their outer product."""
+    units: Array = np.array([length] * 3 + [1.0]) * np.sqrt(mass)
+    return units
+
+
 def stacked(matrix: Array) -> Array:
     """Return the elements of symmetric matrices, shape (..., 10)."""
-    found: Array = matrix[..., ROW, COLUMN] * _STRETCH
-    return found
+    elements: Array = matrix[..., _UPPER[0], _UPPER[1]] * _STRETCH
+    return elements
 
 
 def symmetric(elements: Array) -> Array:
-    """Return the symmetric matrix, shape (4, 4), of `stacked` elements."""
-    found = np.zeros((4, 4))
-    found[ROW, COLUMN] = found[COLUMN, ROW] = elements / _STRETCH
-    return found
+    """Return the symmetric matrix of `stacked` elements."""
+    matrix = np.zeros((4, 4))
+    matrix[_UPPER] = matrix.T[_UPPER] = elements / _STRETCH
+    return matrix
 
 
 def unit(prior: Array, heaviest: float) -> Array:
     """
-    Return S, shape (4, 4), that makes changes of a body comparable: J = J of the model + S X S.
+    Return S, which makes changes of a body comparable.
 
-    X of size 1 is a change as large as the body itself, in whatever coordinates: the metric of
-    Lee, Wensing and Park (2020) at the model's body. Directions in which the model has no extent,
-    or what no body can have, get a little.
+    With S of shape (4, 4), J is that of the model plus S X Sᵀ. An X of size 1 changes the body by
+    as much as itself, in any coordinates. This is the metric of Lee, Wensing and Park (2020) at
+    the model's body. A direction in which the model has no extent gets a small one.
 
     Parameters
     ----------
@@ -84,10 +115,12 @@ def unit(prior: Array, heaviest: float) -> Array:
 
     """
     matrix = pseudo_inertia(prior)
-    mass = max(prior[0], 0.0) or _PART * heaviest
-    length = np.sqrt(max(np.trace(matrix[:3, :3]) / mass, 0.0)) or _RADIUS
-    scale = np.array([length] * 3 + [1.0]) * np.sqrt(mass)
-    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    # S is any matrix with S Sᵀ = J; a triangular one, or one with scales, does as well.
-    root: Array = scale[:, None] * vectors * np.sqrt(np.maximum(values, _FLOOR))
+    mass = max(prior[0], 0.0) or _REFERENCE_MASS_RATIO * heaviest
+    length = np.sqrt(max(np.trace(matrix[:3, :3]) / mass, 0.0)) or _REFERENCE_LENGTH_M
+    units = _units(mass, length)
+    values, vectors = np.linalg.eigh(matrix / np.outer(units, units))
+    # S is any matrix with S Sᵀ = J. A triangular one, or one with scales, does as well.
+    root: Array = (
+        units[:, None] * vectors * np.sqrt(np.maximum(values, _REFERENCE_FLOOR))
+    )
     return root

@@ -13,10 +13,13 @@
 # limitations under the License.
 
 """
-The models that the parameter ``model`` can name, and the parameters that describe one.
+Models by name, and the parameters that describe one.
+
+The configurations of plant, controller and reference derive from `DescribedConfig` and
+`RobotConfig`. `model_of` makes the model of one.
 
 A model of your own is a class derived from `Model`, in a module that Python finds. The parameter
-names it ``package.module:Name``; it is made as ``Name(joint_names, gravity)``, with a tuple of
+names it ``package.module:Name``. It is called as ``Name(joint_names, gravity)``, with a tuple of
 names and [m/s²], and its attribute ``n`` must be the number of names. `check_dynamics`, or
 ``ctc check-model --model package.module:Name``, tests it.
 """
@@ -42,89 +45,127 @@ DESCRIBED = 'described'
 
 @dataclasses.dataclass(frozen=True)
 class DescribedConfig(Config):
-    """Joints, and the description of the robot; what the configurations of all loop nodes have."""
+    """Joints and robot description of all loop nodes."""
 
     joint_names: tuple[str, ...] = parameter(
-        ('joint1', 'joint2'), 'Joints, in the order of gains and torques.', read_only=True)
+        ('joint1', 'joint2'),
+        'Joints, in the order of gains and torques.',
+        read_only=True,
+    )
     model: str = parameter(
-        'two_link', 'Robot model, or your own: docs/robots.md.', choices=MODELS, custom=True,
-        read_only=True)
+        'two_link',
+        'Robot model, or your own: docs/robots.md.',
+        choices=MODELS,
+        custom=True,
+        read_only=True,
+    )
     description: str = parameter(
-        '', 'Model urdf: file of the robot, a path or package://NAME/PATH; empty for the topic '
-        'robot_description.', read_only=True)
+        '',
+        'Model urdf: file of the robot, a path or package://NAME/PATH; empty for the topic '
+        'robot_description.',
+        read_only=True,
+    )
     continuous_joints: tuple[str, ...] = parameter(
-        (DESCRIBED,), 'Joints that turn endlessly, whose positions count modulo 2 pi; described: '
-        'those that the description, or the model, says.', read_only=True)
+        (DESCRIBED,),
+        'Joints that turn endlessly, whose positions count modulo 2 pi; described: '
+        'those that the description, or the model, says.',
+        read_only=True,
+    )
     control_period: float = parameter(
-        1e-3, 'Sample period h.', 's', minimum=LEAST, maximum=10.0, read_only=True)
+        1e-3, 'Sample period h.', 's', minimum=LEAST, maximum=10.0, read_only=True
+    )
 
     def validate(self) -> None:
-        """Check the period, and that continuous joints are joints."""
+        """Check the period and the names of continuous joints."""
         period_ns(self.control_period)
         unknown = set(self.continuous_joints) - {DESCRIBED, '', *self.joint_names}
         if unknown:
-            raise ParameterError('continuous_joints', self.continuous_joints, (
-                f'{DESCRIBED}, or some of {", ".join(self.joint_names)}'))
+            raise ParameterError(
+                'continuous_joints',
+                self.continuous_joints,
+                (f'{DESCRIBED}, or some of {", ".join(self.joint_names)}'),
+            )
 
     @property
     def described(self) -> bool:
-        """Whether a description of the robot is needed."""
+        """Return whether a description of the robot is needed."""
         return self.model == 'urdf'
 
     def which_are_continuous(self, described: Sequence[bool] = ()) -> tuple[bool, ...]:
         """
-        Return which joints turn endlessly, shape (n,).
+        Return True for joints that turn endlessly, shape (n,).
 
         Parameters
         ----------
         described : sequence of bool, shape (n,)
-            Those of the robot's description, or `Model.continuous`; empty for none.
+            The same of the description or `Model.continuous`. Empty for none.
 
         """
-        known = described if DESCRIBED in self.continuous_joints and described else (
-            (False,) * len(self.joint_names))
-        return tuple(x or name in self.continuous_joints
-                     for name, x in zip(self.joint_names, known))
+        if DESCRIBED not in self.continuous_joints or not described:
+            described = (False,) * len(self.joint_names)
+        return tuple(
+            is_described or name in self.continuous_joints
+            for name, is_described in zip(self.joint_names, described)
+        )
 
 
 @dataclasses.dataclass(frozen=True)
 class RobotConfig(DescribedConfig):
-    """Joints and model; the base of the configurations that have a model."""
+    """Joints and model of plant and controller."""
 
     locked: tuple[str, ...] = parameter(
-        ('',), 'Positions of joints not in joint_names, each "name position"; default 0.',
-        read_only=True)
-    gravity: float = parameter(9.81, 'Acceleration of gravity in G.', 'm/s^2', read_only=True)
+        ('',),
+        'Positions of joints not in joint_names, each "name position"; default 0.',
+        read_only=True,
+    )
+    gravity: float = parameter(
+        9.81, 'Acceleration of gravity in G.', 'm/s^2', read_only=True
+    )
     rotor_inertia: tuple[float, ...] = parameter(
-        0.0, 'Model urdf: inertia of the rotors at the joints, gear ratios squared included; 0 '
-        'for that of the description.', 'kg*m^2', read_only=True)
+        0.0,
+        'Model urdf: inertia of the rotors at the joints, gear ratios squared included; 0 '
+        'for that of the description.',
+        'kg*m^2',
+        read_only=True,
+    )
     compiled: bool = parameter(
-        True, 'Use the machine code of `ctc compile` where it is available.', read_only=True)
+        True,
+        'Use the machine code of `ctc compile` where it is available.',
+        read_only=True,
+    )
 
     def validate(self) -> None:
-        """Check the period, the model's number of joints and the locked joints."""
+        """Check period, model and locked joints."""
         super().validate()
         check_model(self.model, self.joint_names)
         locked_positions(self.locked)
         if any(self.rotor_inertia) and not self.described:
-            raise ParameterError('rotor_inertia', self.rotor_inertia,
-                                 '0 without a description of the robot')
+            raise ParameterError(
+                'rotor_inertia',
+                self.rotor_inertia,
+                '0 without a description of the robot',
+            )
 
 
-#: Models that are kept.
-_KEPT = 64
+#: Models that `model_of` keeps, of all threads.
+_CACHE_SIZE = 64
 
 
-def make_model(name: str, gravity: float, joint_names: tuple[str, ...] = ('joint1', 'joint2'),
-               urdf: str = '', locked: Mapping[str, float] | None = None,
-               rotors: Sequence[float] = ()) -> Model:
+def make_model(
+    name: str,
+    gravity: float,
+    joint_names: tuple[str, ...] = ('joint1', 'joint2'),
+    urdf: str = '',
+    locked: Mapping[str, float] | None = None,
+    rotors: Sequence[float] = (),
+) -> Model:
     """
-    Return a model.
+    Return the model of a name.
 
     Parameters
     ----------
     name : str
-        One of `MODELS`, or ``package.module:Name``, which the user has given.
+        One of `MODELS`, or ``package.module:Name``.
     gravity : float
         Acceleration of gravity [m/s²].
     joint_names : tuple of str
@@ -132,10 +173,10 @@ def make_model(name: str, gravity: float, joint_names: tuple[str, ...] = ('joint
     urdf : str
         Model ``urdf``: the text of the URDF.
     locked : mapping of str to float, optional
-        Model ``urdf``: positions of joints that are not in `joint_names`; 0 for those left out.
+        Model ``urdf``: positions of joints that are not in `joint_names`. The default is 0.
     rotors : sequence of float, length n
-        Model ``urdf``: inertias of the rotors at the joints [kg·m²], 0 for those of the URDF;
-        empty for all of the URDF.
+        Model ``urdf``: inertias of the rotors at the joints [kg·m²], 0 for those of the URDF.
+        Empty for all of the URDF.
 
     Raises
     ------
@@ -148,42 +189,66 @@ def make_model(name: str, gravity: float, joint_names: tuple[str, ...] = ('joint
         return TwoLink(gravity)
     if name == 'urdf':
         if not urdf.strip():
-            raise CtcError('model urdf needs the parameter description, or the topic '
-                           'robot_description')
+            raise CtcError(
+                'model urdf needs the parameter description, or the topic robot_description'
+            )
         from ctc_chattering.dynamics.urdf_model import UrdfModel
+
         with as_ctc_error('URDF: there is no model of it'):
             return UrdfModel(urdf, joint_names, gravity, locked, rotors)
-    return _own(name, joint_names, gravity)
+    return _model_of_user(name, joint_names, gravity)
 
 
 def model_of(config: RobotConfig, description: str = '') -> Model:
     """
-    Return the model that a configuration names; `description` is the text of a URDF.
+    Return the model that a configuration names.
 
-    It is the same one for the same robot, and every thread has its own; a class of yours is made
-    anew, for it may have changed.
+    A thread always gets the same object for the same robot, as a model is for one thread. A class
+    of the user is called anew, as it may have changed.
+
+    Parameters
+    ----------
+    config : RobotConfig
+        Name, joints and the numbers of the model.
+    description : str
+        Text of a URDF.
+
     """
-    make = _kept if config.model in MODELS else _made
-    return make(config.model, config.gravity, config.joint_names, description, config.locked,
-                config.rotor_inertia, get_ident())
+    make = _cached_model if config.model in MODELS else _cached_model.__wrapped__
+    return make(
+        config.model,
+        config.gravity,
+        config.joint_names,
+        description,
+        config.locked,
+        config.rotor_inertia,
+        get_ident(),
+    )
 
 
-def _made(name: str, gravity: float, joint_names: tuple[str, ...], description: str,
-          locked: tuple[str, ...], rotors: tuple[float, ...], _thread: int) -> Model:
-    return make_model(name, gravity, joint_names, description, locked_positions(locked), rotors)
-
-
-_kept = lru_cache(_KEPT)(_made)
+@lru_cache(_CACHE_SIZE)
+def _cached_model(
+    name: str,
+    gravity: float,
+    joint_names: tuple[str, ...],
+    description: str,
+    locked: tuple[str, ...],
+    rotors: tuple[float, ...],
+    _thread: int,
+) -> Model:
+    return make_model(
+        name, gravity, joint_names, description, locked_positions(locked), rotors
+    )
 
 
 def locked_positions(lines: Sequence[str]) -> dict[str, float]:
     """
-    Return joints and positions [rad or m] from lines "name position".
+    Return positions of lines "name position" [rad or m].
 
     Raises
     ------
     ParameterError
-        For a line that is not of this form.
+        If a line is not of this form.
 
     """
     result = {}
@@ -197,19 +262,27 @@ def locked_positions(lines: Sequence[str]) -> dict[str, float]:
 
 
 def check_model(name: str, joint_names: tuple[str, ...]) -> None:
-    """Raise `ParameterError` unless `name` may be a model, for as many joints as are named."""
+    """Raise `ParameterError` unless the name fits the joints."""
     RobotConfig.parameters()['model'].check(name, 0)
     if name == 'two_link' and len(joint_names) != TwoLink.n:
-        raise ParameterError('joint_names', joint_names, f'{TwoLink.n} names for model {name}')
+        raise ParameterError(
+            'joint_names', joint_names, f'{TwoLink.n} names for model {name}'
+        )
 
 
-def _own(name: str, joint_names: tuple[str, ...], gravity: float) -> Model:
-    """Return an instance of a class of the user's."""
-    own = named_class('model', name, lambda x: issubclass(x, Model),
-                      'class derived from ctc_chattering.Model')
+def _model_of_user(name: str, joint_names: tuple[str, ...], gravity: float) -> Model:
+    """Return an instance of a user's class."""
+    model_class = named_class(
+        'model',
+        name,
+        lambda x: issubclass(x, Model),
+        'class derived from ctc_chattering.Model',
+    )
     with as_ctc_error(f'the model {name} cannot be made'):
-        made: Model = own(joint_names, gravity)
-    if getattr(made, 'n', None) != len(joint_names):
-        raise ParameterError('joint_names', joint_names,
-                             f'{getattr(made, "n", "no")} names for model {name}')
-    return made
+        model: Model = model_class(joint_names, gravity)
+    count = getattr(model, 'n', 'no')
+    if count != len(joint_names):
+        raise ParameterError(
+            'joint_names', joint_names, f'{count} names for model {name}'
+        )
+    return model

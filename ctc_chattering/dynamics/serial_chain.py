@@ -13,35 +13,24 @@
 # limitations under the License.
 
 """
-The arm in the description of a whole robot: a serial chain of joints that a model can have.
+The arm in the description of a whole robot.
 
-A description also has wheels, a head, a second arm, and a gripper or a hand at the end of the arm.
-Joints that move no mass are left out: no model has them.
+`ctc new-robot` takes a serial chain of joints that a model can have. A description also has
+wheels, a head, a second arm, and a gripper or a hand at the end of the arm. Joints that move no
+mass are omitted, as no model has them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
-from typing import NamedTuple
-import xml.etree.ElementTree as ET
+from collections.abc import Container
 
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import ParameterError, shorten, suggest
 
 
-class Branch(NamedTuple):
-    """A joint that leads away from a link, and what is on the way outwards."""
-
-    joint: str
-    #: The most joints that a model can have.
-    length: int
-    #: The most joints; those that mimic, and their leaders, count as well.
-    every: int
-
-
 def chain_to(tree: Tree, tip: str) -> tuple[str, ...]:
     """
-    Return the joints of a model between the root and a link, from the root outwards.
+    Return a model's joints from the root to a link.
 
     Raises
     ------
@@ -51,14 +40,16 @@ def chain_to(tree: Tree, tip: str) -> tuple[str, ...]:
     """
     if tip not in tree.links:
         raise ParameterError(
-            'tip', tip,
-            f'links of the URDF: {shorten(list(tree.links))}{suggest(tip, tree.links)}')
-    carrier = {child: name for name, (_, child) in tree.ends.items()}
+            'tip',
+            tip,
+            f'links of the URDF: {shorten(list(tree.links))}{suggest(tip, tree.links)}',
+        )
     chain = []
     link = tip
-    while link in carrier:
-        chain.append(carrier[link])
-        link = tree.ends[carrier[link]][0]
+    while link in tree.carriers:
+        joint = tree.carriers[link]
+        chain.append(joint)
+        link = tree.ends[joint][0]
     movers = _movers(tree)
     joints = tuple(name for name in reversed(chain) if name in movers)
     if not joints:
@@ -68,53 +59,55 @@ def chain_to(tree: Tree, tip: str) -> tuple[str, ...]:
 
 def longest_chain(tree: Tree) -> tuple[str, ...]:
     """
-    Return the joints of the longest chain from the root on, without its end effector.
+    Return the joints of the longest chain without end effector.
 
     Of chains that are equally long it is the first in the text. Empty where nothing moves.
     """
     movers = _movers(tree)
-    branches = _branches(tree, movers)
-    children = {child for _, child in tree.ends.values()}
-    link = next(name for name in tree.links if name not in children)
+    model_joints = _longest_ways(tree, movers)
+    all_joints = _longest_ways(tree, tree.joints)
+    link = tree.root
     chain: list[str] = []
-    while branches[link] and not _is_end_effector(branches[link], len(chain)):
-        branch = max(branches[link], key=lambda branch: branch.length)
-        if not branch.length:
-            break
-        if branch.joint in movers:
-            chain.append(branch.joint)
-        link = tree.ends[branch.joint][1]
-    return tuple(chain)
+    while True:
+        branches = [name for name in tree.joints_on(link) if all_joints[name]]
+        longest = max(branches, key=lambda name: model_joints[name], default='')
+        if not model_joints.get(longest) or _is_end_effector(
+            [all_joints[name] for name in branches], len(chain)
+        ):
+            return tuple(chain)
+        if longest in movers:
+            chain.append(longest)
+        link = tree.ends[longest][1]
 
 
 def _movers(tree: Tree) -> set[str]:
-    """Return the joints that a model can have."""
-    carried = {name: _mass(link) for name, link in tree.links.items()}
+    """Return the joints of a model that move a mass."""
+    carried = {
+        name: 0.0 if inertial is None else inertial.mass
+        for name, inertial in tree.inertials.items()
+    }
     for parent, child in reversed(tree.ends.values()):
         carried[parent] += carried[child]
     return {name for name in tree.movable if carried[tree.ends[name][1]] > 0.0}
 
 
-def _mass(link: ET.Element) -> float:
-    mass = link.find('inertial/mass')
-    return 0.0 if mass is None else float(mass.get('value', ''))
+def _longest_ways(tree: Tree, counted: Container[str]) -> dict[str, int]:
+    """Return the most counted joints outwards, joint by joint."""
+    ways: dict[str, int] = {}
+    for name, (_, child) in reversed(tree.ends.items()):
+        outwards = max((ways[joint] for joint in tree.joints_on(child)), default=0)
+        ways[name] = outwards + (name in counted)
+    return ways
 
 
-def _branches(tree: Tree, movers: Container[str]) -> Mapping[str, list[Branch]]:
-    """Return the branches at every link that move."""
-    branches: dict[str, list[Branch]] = {link: [] for link in tree.links}
-    for name, (parent, child) in reversed(tree.ends.items()):
-        length = max((branch.length for branch in branches[child]), default=0) + (name in movers)
-        every = max((branch.every for branch in branches[child]), default=0) + (
-            name in tree.joints)
-        if every:
-            branches[parent].insert(0, Branch(name, length, every))
-    return branches
+def _is_end_effector(branches: list[int], arm_joints: int) -> bool:
+    """
+    Tell fingers from arms by the joints of branches.
 
-
-def _is_end_effector(branches: list[Branch], before: int) -> bool:
-    """Tell fingers from arms: they are several, alike or few, after the many joints of an arm."""
+    Fingers are several branches after the many joints of an arm. The longest two are equally
+    long, or all are shorter than half of the arm.
+    """
     if len(branches) < 2:
         return False
-    lengths = sorted((branch.every for branch in branches), reverse=True)
-    return 2 * lengths[0] < before or lengths[0] == lengths[1] <= before
+    longest, second, *_ = sorted(branches, reverse=True)
+    return 2 * longest < arm_joints or longest == second <= arm_joints

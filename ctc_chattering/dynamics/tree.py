@@ -13,16 +13,17 @@
 # limitations under the License.
 
 """
-M, C and G of a tree of bodies, from placements and inertias: what compiled code has.
+M, C and G of a tree of bodies, compilable.
 
-Plain Python has Pinocchio (`urdf_model`), and takes this for tests only.
+`compiled_model` calls it with an `Arm`, which `UrdfModel.bodies` makes. Plain Python has Pinocchio
+(`urdf_model`) for the same terms, and takes this module for tests only.
 
 Everything is in the frame of the base. A motion (ω, v) has the velocity v of the point at the
-origin; the motion of joint i is S_i = (z, p x z), or (0, z) of a prismatic one, with the axis z
-through p. Of all that joint j carries, m, h and J are the mass, the first moment and the inertia
-about the origin, P the linear momentum, and W collects the velocity terms of rotation. With the
-velocity of each body's centre c, its rate ω and its inertia I about c (Echeandia & Wensing,
-*Numerical methods to compute the Coriolis matrix and Christoffel symbols*, 2021)::
+origin. The motion of joint i is S_i = (z, p x z), or (0, z) of a prismatic one, with the axis z
+through p. All that joint j carries has the mass m, the first moment h and the inertia J about the
+origin. P is its linear momentum, and W collects the velocity terms of rotation. For each body c
+is the centre, ω the rate, and I the inertia about c (Echeandia & Wensing, *Numerical methods to
+compute the Coriolis matrix and Christoffel symbols*, 2021)::
 
     W = Σ ½ (ω̂ I - I ω̂ - (I ω)^) + m ((c · dc) 1 - dc cᵀ),     P = Σ m dc                  (RB1)
     (K, L)   = (J ω + h x v, m v + ω x h)                       of S_j                       (RB2)
@@ -31,270 +32,440 @@ velocity of each body's centre c, its rate ω and its inertia I about c (Echeand
     C_ji = (K, L) · dS_i/dt + (Wᵀ z_j + P x v_j) · z_i                                       (RB5)
     G_j  = -S_j · (h x g, m g)                                                               (RB6)
 
-C is that of Christoffel's symbols. C dq + G alone is found by Newton and Euler: the force that
-moves each body, added up over what a joint carries.
+C is that of Christoffel's symbols. C dq + G alone follows from Newton and Euler: the force that
+moves each body, added up over all that a joint carries.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from math import cos, sin
+from typing import Any
 
 from ctc_chattering.compiled.compilable import function
-from ctc_chattering.dynamics.urdf_model import Arm
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
+import numpy.typing as npt
 
-#: Row and column of the six elements of an inertia that is kept.
-_ROW, _COLUMN = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
+
+@dataclasses.dataclass
+class Arm:
+    """
+    Numbers of a tree of bodies, or the two-link arm.
+
+    A tree has n bodies, parents first. The frame of a body is at its joint, with the axis of the
+    joint along z.
+    """
+
+    #: True for the two-link arm, which is in closed form and has no bodies.
+    closed: bool
+    #: Acceleration of gravity, downwards [m/s²].
+    gravity: float
+    #: Factor of M, C and G of the two-link arm. A tree has it in its masses.
+    scale: float
+    #: Body that carries each body, -1 for the base, shape (n,).
+    parent: npt.NDArray[np.int64]
+    #: True for a prismatic joint, shape (n,).
+    prismatic: npt.NDArray[np.bool_]
+    #: Index in q, M, C and G of the joint of each body, shape (n,).
+    joint: npt.NDArray[np.int64]
+    #: Frame of the body at position 0 in that of the parent, shape (n, 3, 3).
+    rotation: Array
+    #: The same frame's origin, shape (n, 3) [m].
+    offset: Array
+    #: Shape (n,) [kg].
+    mass: Array
+    #: Centre of mass in the frame of the body, shape (n, 3) [m].
+    center: Array
+    #: Inertia about the centre in the frame of the body, symmetric, shape (n, 3, 3) [kg·m²].
+    inertia: Array
+    #: Inertia of each joint's rotor, on the diagonal of M alone, shape (n,) [kg·m²].
+    rotor: Array
+
+    @classmethod
+    def two_link(cls, gravity: float, scale: float) -> Arm:
+        """Return the two-link arm."""
+        zeros = np.zeros(2)
+        indices = np.zeros(2, np.int64)
+        rows = np.zeros((2, 3))
+        squares = np.zeros((2, 3, 3))
+        return cls(
+            closed=True,
+            gravity=gravity,
+            scale=scale,
+            parent=indices,
+            prismatic=np.zeros(2, np.bool_),
+            joint=indices,
+            rotation=squares,
+            offset=rows,
+            mass=zeros,
+            center=rows,
+            inertia=squares,
+            rotor=zeros,
+        )
 
 
 @dataclasses.dataclass
 class BodyScratch:
     """
-    Scratch of the dynamics of a tree, all in the frame of the base and about its origin.
+    Scratch memory, in the frame of the base.
 
-    Vectors of 3 are rows: position, angular part, linear part. The last row, the parent -1, is the
-    base, which does not move; what is added up there is not read.
+    Arrays have a row for each body. The last row, the parent -1, is the base, which does not
+    move. Its sums are not read. A vector of six is an angular part, then a linear one.
     """
 
-    #: Rotation (n + 1, 3, 3) and origin of every body.
+    #: Shape (n + 1, 3, 3).
     rotation: Array
+    #: Shape (n + 1, 3).
     origin: Array
-    #: Motion of each joint (6), its rate of change (6), twist (6) and acceleration (6).
+    #: Motion S of each joint, shape (n + 1, 6).
     joint: Array
+    #: dS/dt, shape (n + 1, 6).
     joint_rate: Array
+    #: Shape (n + 1, 6).
     twist: Array
+    #: Shape (n + 1, 6).
     acceleration: Array
-    #: Mass, first moment, inertia (6: xx, yy, zz, xy, xz, yz), of a body, then of all it carries.
+    #: Of a body, then of all it carries, shape (n + 1,).
     mass: Array
+    #: First moment, shape (n + 1, 3).
     moment: Array
+    #: Shape (n + 1, 3, 3).
     inertia: Array
-    #: Velocity terms of the Coriolis matrix: W (3, 3) and linear momentum.
+    #: W, shape (n + 1, 3, 3).
     coupling: Array
+    #: P, shape (n + 1, 3).
     momentum: Array
-    #: Force on a body: moment and force (6).
+    #: Moment and force on a body, shape (n + 1, 6).
     force: Array
-    #: State of the joints; M, C and C dq + G there.
+    #: (K, L) and (K', L') of the body in hand, shape (6,).
+    unit_momentum: Array
+    unit_momentum_rate: Array
+    #: I of the body in hand, shape (3, 3).
+    central_inertia: Array
+    #: Centre of the body in hand, shape (3,).
+    center: Array
+    #: A vector in hand, shape (3,).
+    vector: Array
+    #: State of the joints, shape (n,).
     q: Array
     dq: Array
+    #: Terms of (1) at the state, shapes (n, n) and (n,).
     M: Array
     C: Array
+    #: C dq + G.
     bias: Array
 
 
 def body_scratch(n: int) -> BodyScratch:
     """Return scratch for `n` joints."""
+
     def rows(*shape: int) -> Array:
         return np.zeros((n + 1, *shape))
-    made = BodyScratch(
-        rows(3, 3), rows(3), rows(6), rows(6), rows(6), rows(6), rows(), rows(3), rows(6),
-        rows(3, 3), rows(3), rows(6), *(np.zeros(shape) for shape in (n, n, (n, n), (n, n), n)))
-    made.rotation[-1] = np.eye(3)
-    return made
+
+    scratch = BodyScratch(
+        rotation=rows(3, 3),
+        origin=rows(3),
+        joint=rows(6),
+        joint_rate=rows(6),
+        twist=rows(6),
+        acceleration=rows(6),
+        mass=rows(),
+        moment=rows(3),
+        inertia=rows(3, 3),
+        coupling=rows(3, 3),
+        momentum=rows(3),
+        force=rows(6),
+        unit_momentum=np.zeros(6),
+        unit_momentum_rate=np.zeros(6),
+        central_inertia=np.zeros((3, 3)),
+        center=np.zeros(3),
+        vector=np.zeros(3),
+        q=np.zeros(n),
+        dq=np.zeros(n),
+        M=np.zeros((n, n)),
+        C=np.zeros((n, n)),
+        bias=np.zeros(n),
+    )
+    scratch.rotation[-1] = np.eye(3)
+    return scratch
+
+
+@function
+def product(x: Array, y: Array) -> Any:
+    """Return x · y of vectors of three."""
+    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
+
+
+@function
+def add_product(total: float, x: Array, y: Array) -> Any:
+    """Return `total` plus x · y, term by term."""
+    return total + x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
+
+
+@function
+def power(motion: Array, force: Array) -> Any:
+    """Return the product of a motion and a force."""
+    return add_product(product(motion, force), motion[3:], force[3:])
+
+
+@function
+def add_to(x: Array, y: Array) -> None:
+    """Add y to x."""
+    for a in range(len(x)):
+        x[a] += y[a]
+
+
+@function
+def cross(x: Array, y: Array, a: int) -> Any:
+    """Return element a of x × y."""
+    b = (a + 1) % 3
+    c = (a + 2) % 3
+    return x[b] * y[c] - x[c] * y[b]
+
+
+@function
+def add_cross(total: float, x: Array, y: Array, a: int) -> Any:
+    """Return `total` plus element a of x × y."""
+    b = (a + 1) % 3
+    c = (a + 2) % 3
+    return total + x[b] * y[c] - x[c] * y[b]
+
+
+@function
+def point_inertia(mass: float, center: Array, a: int, b: int) -> Any:
+    """Return element (a, b) of m ((c · c) 1 - c cᵀ)."""
+    if a != b:
+        return -(mass * center[a] * center[b])
+    y = center[(a + 1) % 3]
+    z = center[(a + 2) % 3]
+    return mass * (y * y + z * z)
+
+
+@function
+def set_momentum(s: BodyScratch, i: int, motion: Array, out: Array) -> None:
+    """Set (K, L) of (RB2) of a motion."""
+    moment = s.moment[i]
+    rate = motion[:3]
+    velocity = motion[3:]
+    for a in range(3):
+        out[a] = add_cross(product(s.inertia[i, a], rate), moment, velocity, a)
+        out[3 + a] = add_cross(s.mass[i] * velocity[a], rate, moment, a)
 
 
 @function
 def place(arm: Arm, q: Array, s: BodyScratch) -> None:
-    """Set rotations, origins and the motions S of all joints."""
+    """Set rotations, origins and joint motions S."""
     for i in range(len(arm.parent)):
-        p, R, F = arm.parent[i], s.rotation[i], arm.rotation[i]
-        x, Q, o = q[arm.joint[i]], s.rotation[p], arm.offset[i]
+        x = q[arm.joint[i]]
+        R = s.rotation[i]
+        origin = s.origin[i]
+        parent_rotation = s.rotation[arm.parent[i]]
+        parent_origin = s.origin[arm.parent[i]]
         for a in range(3):
-            s.origin[i, a] = (s.origin[p, a] + Q[a, 0] * o[0] + Q[a, 1] * o[1]
-                              + Q[a, 2] * o[2])
+            origin[a] = add_product(parent_origin[a], parent_rotation[a], arm.offset[i])
             for b in range(3):
-                R[a, b] = Q[a, 0] * F[0, b] + Q[a, 1] * F[1, b] + Q[a, 2] * F[2, b]
-        zx, zy, zz = R[0, 2], R[1, 2], R[2, 2]
+                R[a, b] = product(parent_rotation[a], arm.rotation[i, :, b])
+        z = R[:, 2]
         S = s.joint[i]
         if arm.prismatic[i]:
-            S[0] = S[1] = S[2] = 0.0
-            S[3], S[4], S[5] = zx, zy, zz
             for a in range(3):
-                s.origin[i, a] += x * R[a, 2]
-            continue
-        c, d = cos(x), sin(x)
-        for a in range(3):
-            R[a, 0], R[a, 1] = c * R[a, 0] + d * R[a, 1], c * R[a, 1] - d * R[a, 0]
-        px, py, pz = s.origin[i, 0], s.origin[i, 1], s.origin[i, 2]
-        S[0], S[1], S[2] = zx, zy, zz
-        S[3], S[4], S[5] = py * zz - pz * zy, pz * zx - px * zz, px * zy - py * zx
+                origin[a] += x * z[a]
+                S[a] = 0.0
+                S[3 + a] = z[a]
+        else:
+            c = cos(x)
+            d = sin(x)
+            for a in range(3):
+                x_axis = R[a, 0]
+                y_axis = R[a, 1]
+                R[a, 0] = c * x_axis + d * y_axis
+                R[a, 1] = c * y_axis - d * x_axis
+                S[a] = z[a]
+                S[3 + a] = cross(origin, z, a)
 
 
 @function
 def weigh(arm: Arm, s: BodyScratch) -> None:
-    """Set mass, first moment and inertia of every body about the origin."""
+    """Set mass, first moment and inertia of all bodies."""
+    c = s.center
+    row = s.vector
     for i in range(len(arm.parent)):
-        R, A, m, o = s.rotation[i], arm.inertia[i], arm.mass[i], arm.center[i]
-        cx = s.origin[i, 0] + R[0, 0] * o[0] + R[0, 1] * o[1] + R[0, 2] * o[2]
-        cy = s.origin[i, 1] + R[1, 0] * o[0] + R[1, 1] * o[1] + R[1, 2] * o[2]
-        cz = s.origin[i, 2] + R[2, 0] * o[0] + R[2, 1] * o[1] + R[2, 2] * o[2]
+        R = s.rotation[i]
+        m = arm.mass[i]
         s.mass[i] = m
-        s.moment[i, 0], s.moment[i, 1], s.moment[i, 2] = m * cx, m * cy, m * cz
-        J = s.inertia[i]
-        for e in range(6):                                            # R A Rᵀ
-            a, b = _ROW[e], _COLUMN[e]
-            x = R[a, 0] * A[0, 0] + R[a, 1] * A[0, 1] + R[a, 2] * A[0, 2]
-            y = R[a, 0] * A[0, 1] + R[a, 1] * A[1, 1] + R[a, 2] * A[1, 2]
-            z = R[a, 0] * A[0, 2] + R[a, 1] * A[1, 2] + R[a, 2] * A[2, 2]
-            J[e] = x * R[b, 0] + y * R[b, 1] + z * R[b, 2]
-        J[0] += m * (cy * cy + cz * cz)
-        J[1] += m * (cx * cx + cz * cz)
-        J[2] += m * (cx * cx + cy * cy)
-        J[3] -= m * cx * cy
-        J[4] -= m * cx * cz
-        J[5] -= m * cy * cz
+        for a in range(3):
+            c[a] = add_product(s.origin[i, a], R[a], arm.center[i])
+            s.moment[i, a] = m * c[a]
+        for a in range(3):
+            for b in range(3):
+                row[b] = product(R[a], arm.inertia[i, b])
+            for b in range(a, 3):  # R I Rᵀ, about the origin.
+                element = product(row, R[b]) + point_inertia(m, c, a, b)
+                s.inertia[i, a, b] = s.inertia[i, b, a] = element
 
 
 @function
 def move(arm: Arm, dq: Array, s: BodyScratch) -> None:
-    """Set the twist of every body, and dS/dt of every joint."""
+    """Set twists of bodies and dS/dt of joints."""
     for i in range(len(arm.parent)):
-        p, S, V, D, x = (arm.parent[i], s.joint[i], s.twist[i], s.joint_rate[i],
-                         dq[arm.joint[i]])
+        S = s.joint[i]
+        twist = s.twist[i]
+        rate = twist[:3]
+        velocity = twist[3:]
         for a in range(6):
-            V[a] = S[a] * x + s.twist[p, a]
-        D[0] = V[1] * S[2] - V[2] * S[1]
-        D[1] = V[2] * S[0] - V[0] * S[2]
-        D[2] = V[0] * S[1] - V[1] * S[0]
-        D[3] = V[1] * S[5] - V[2] * S[4] + V[4] * S[2] - V[5] * S[1]
-        D[4] = V[2] * S[3] - V[0] * S[5] + V[5] * S[0] - V[3] * S[2]
-        D[5] = V[0] * S[4] - V[1] * S[3] + V[3] * S[1] - V[4] * S[0]
+            twist[a] = S[a] * dq[arm.joint[i]] + s.twist[arm.parent[i], a]
+        for a in range(3):
+            s.joint_rate[i, a] = cross(rate, S[:3], a)
+            s.joint_rate[i, 3 + a] = add_cross(
+                cross(rate, S[3:], a), velocity, S[:3], a
+            )
 
 
 @function
 def couple(arm: Arm, s: BodyScratch) -> None:
     """Set W and P of (RB1) of every body."""
+    I = s.central_inertia  # noqa: E741
+    c = s.center
     for i in range(len(arm.parent)):
-        m, h, J, V, W, P = (s.mass[i], s.moment[i], s.inertia[i], s.twist[i], s.coupling[i],
-                            s.momentum[i])
-        wx, wy, wz = V[0], V[1], V[2]
-        P[0] = m * V[3] + wy * h[2] - wz * h[1]
-        P[1] = m * V[4] + wz * h[0] - wx * h[2]
-        P[2] = m * V[5] + wx * h[1] - wy * h[0]
-        k = 1.0 / m if m else 0.0
-        cx, cy, cz = k * h[0], k * h[1], k * h[2]
-        # About the centre.
-        xx, yy, zz = (J[0] - m * (cy * cy + cz * cz), J[1] - m * (cx * cx + cz * cz),
-                      J[2] - m * (cx * cx + cy * cy))
-        xy, xz, yz = J[3] + m * cx * cy, J[4] + m * cx * cz, J[5] + m * cy * cz
-        lx, ly, lz = (0.5 * (xx * wx + xy * wy + xz * wz), 0.5 * (xy * wx + yy * wy + yz * wz),
-                      0.5 * (xz * wx + yz * wy + zz * wz))
-        dot = cx * P[0] + cy * P[1] + cz * P[2]
-        # ω̂ I - I ω̂ is symmetric.
-        W[0, 0] = wy * xz - wz * xy + dot - P[0] * cx
-        W[1, 1] = wz * xy - wx * yz + dot - P[1] * cy
-        W[2, 2] = wx * yz - wy * xz + dot - P[2] * cz
-        e = 0.5 * (wy * yz - wz * yy + wz * xx - wx * xz)
-        W[0, 1], W[1, 0] = e + lz - P[0] * cy, e - lz - P[1] * cx
-        e = 0.5 * (wy * zz - wz * yz + wx * xy - wy * xx)
-        W[0, 2], W[2, 0] = e - ly - P[0] * cz, e + ly - P[2] * cx
-        e = 0.5 * (wz * xz - wx * zz + wx * yy - wy * xy)
-        W[1, 2], W[2, 1] = e + lx - P[1] * cz, e - lx - P[2] * cy
-
-
-@function
-def gather(arm: Arm, s: BodyScratch, i: int, moving: bool) -> None:
-    """Add what body `i` carries to what its parent carries; with `moving`, W and P as well."""
-    p = arm.parent[i]
-    s.mass[p] += s.mass[i]
-    for a in range(3):
-        s.moment[p, a] += s.moment[i, a]
-    for a in range(6):
-        s.inertia[p, a] += s.inertia[i, a]
-    if moving:
+        m = s.mass[i]
+        h = s.moment[i]
+        W = s.coupling[i]
+        P = s.momentum[i]
+        rate = s.twist[i, :3]
+        inverse_mass = 1.0 / m if m else 0.0
         for a in range(3):
-            s.momentum[p, a] += s.momentum[i, a]
-            for b in range(3):
-                s.coupling[p, a, b] += s.coupling[i, a, b]
+            c[a] = inverse_mass * h[a]
+            P[a] = add_cross(m * s.twist[i, 3 + a], rate, h, a)
+        for a in range(3):
+            for b in range(a, 3):
+                I[a, b] = I[b, a] = s.inertia[i, a, b] - point_inertia(m, c, a, b)
+        for a in range(3):
+            W[a, a] = cross(rate, I[a], a) + product(c, P) - P[a] * c[a]
+            for b in range(a + 1, 3):
+                # ω̂ I - I ω̂ is symmetric, (I ω)^ is skew.
+                symmetric = 0.5 * add_cross(cross(rate, I[b], a), rate, I[a], b)
+                skew = 0.5 * product(I[3 - a - b], rate)
+                if b - a == 2:
+                    skew = -skew
+                W[a, b] = symmetric + skew - P[a] * c[b]
+                W[b, a] = symmetric - skew - P[b] * c[a]
 
 
 @function
-def momentum_of(m: float, h: Array, J: Array, S: Array) -> tuple[
-        float, float, float, float, float, float]:
-    """Return (K, L) of (RB2)."""
-    x, y, z, u, v, w = S[0], S[1], S[2], S[3], S[4], S[5]
-    return (J[0] * x + J[3] * y + J[4] * z + h[1] * w - h[2] * v,
-            J[3] * x + J[1] * y + J[5] * z + h[2] * u - h[0] * w,
-            J[4] * x + J[5] * y + J[2] * z + h[0] * v - h[1] * u,
-            m * u + y * h[2] - z * h[1], m * v + z * h[0] - x * h[2],
-            m * w + x * h[1] - y * h[0])
+def gather_mass(arm: Arm, s: BodyScratch, i: int) -> None:
+    """Add mass, moment and inertia to those of the parent."""
+    parent = arm.parent[i]
+    s.mass[parent] += s.mass[i]
+    add_to(s.moment[parent], s.moment[i])
+    for a in range(3):
+        add_to(s.inertia[parent, a], s.inertia[i, a])
+
+
+@function
+def gather_velocity_terms(arm: Arm, s: BodyScratch, i: int) -> None:
+    """Add W and P to those of the parent."""
+    parent = arm.parent[i]
+    add_to(s.momentum[parent], s.momentum[i])
+    for a in range(3):
+        add_to(s.coupling[parent, a], s.coupling[i, a])
+
+
+@function
+def fill_mass(arm: Arm, s: BodyScratch, j: int, M: Array) -> None:
+    """
+    Set row and column of a joint in M by (RB4).
+
+    `unit_momentum` is then (K, L) of the joint.
+    """
+    column = arm.joint[j]
+    set_momentum(s, j, s.joint[j], s.unit_momentum)
+    i = j
+    while i >= 0:
+        row = arm.joint[i]
+        M[row, column] = M[column, row] = power(s.joint[i], s.unit_momentum)
+        i = arm.parent[i]
+    M[column, column] += arm.rotor[j]
 
 
 @function
 def mass_matrix(arm: Arm, s: BodyScratch, M: Array) -> None:
-    """Set M by (RB4), after `place` and `weigh`."""
+    """Set M, after `place` and `weigh`."""
+    M[:] = 0.0
     for j in range(len(arm.parent) - 1, -1, -1):
-        x, y, z, u, v, w = momentum_of(s.mass[j], s.moment[j], s.inertia[j], s.joint[j])
-        i = j
-        while i >= 0:
-            S = s.joint[i]
-            M[arm.joint[i], arm.joint[j]] = M[arm.joint[j], arm.joint[i]] = (
-                S[0] * x + S[1] * y + S[2] * z + S[3] * u + S[4] * v + S[5] * w)
-            i = arm.parent[i]
-        M[arm.joint[j], arm.joint[j]] += arm.rotor[j]
-        gather(arm, s, j, False)
+        fill_mass(arm, s, j, M)
+        gather_mass(arm, s, j)
 
 
 @function
-def evaluate(arm: Arm, q: Array, dq: Array, s: BodyScratch, M: Array, C: Array, G: Array) -> None:
-    """Set M, C and G by (RB4) to (RB6); joints that do not carry each other have 0."""
+def evaluate(
+    arm: Arm, q: Array, dq: Array, s: BodyScratch, M: Array, C: Array, G: Array
+) -> None:
+    """Set M, C and G by (RB4) to (RB6)."""
     place(arm, q, s)
     weigh(arm, s)
     move(arm, dq, s)
     couple(arm, s)
-    for i in range(len(G)):
-        for j in range(len(G)):
-            M[i, j] = C[i, j] = 0.0
+    momentum_rate = s.unit_momentum_rate
+    turning = s.vector
+    M[:] = 0.0
+    C[:] = 0.0
     for j in range(len(arm.parent) - 1, -1, -1):
-        m, h, J, S, D, W, P, b = (s.mass[j], s.moment[j], s.inertia[j], s.joint[j],
-                                  s.joint_rate[j], s.coupling[j], s.momentum[j], arm.joint[j])
-        x, y, z, u, v, w = momentum_of(m, h, J, S)
-        dx, dy, dz, du, dv, dw = momentum_of(m, h, J, D)
-        dx += W[0, 0] * S[0] + W[0, 1] * S[1] + W[0, 2] * S[2]
-        dy += W[1, 0] * S[0] + W[1, 1] * S[1] + W[1, 2] * S[2]
-        dz += W[2, 0] * S[0] + W[2, 1] * S[1] + W[2, 2] * S[2]
-        du += S[1] * P[2] - S[2] * P[1]
-        dv += S[2] * P[0] - S[0] * P[2]
-        dw += S[0] * P[1] - S[1] * P[0]
-        tx = W[0, 0] * S[0] + W[1, 0] * S[1] + W[2, 0] * S[2] + P[1] * S[5] - P[2] * S[4]
-        ty = W[0, 1] * S[0] + W[1, 1] * S[1] + W[2, 1] * S[2] + P[2] * S[3] - P[0] * S[5]
-        tz = W[0, 2] * S[0] + W[1, 2] * S[1] + W[2, 2] * S[2] + P[0] * S[4] - P[1] * S[3]
-        G[b] = arm.gravity * (S[0] * h[1] - S[1] * h[0] + S[5] * m)
+        W = s.coupling[j]
+        P = s.momentum[j]
+        z = s.joint[j, :3]
+        velocity = s.joint[j, 3:]
+        column = arm.joint[j]
+        fill_mass(arm, s, j, M)
+        set_momentum(s, j, s.joint_rate[j], momentum_rate)
+        for a in range(3):
+            # (K', L') of (RB3), and Wᵀ z + P x v of (RB5).
+            momentum_rate[a] += product(W[a], z)
+            momentum_rate[3 + a] += cross(z, P, a)
+            turning[a] = add_cross(product(W[:, a], z), P, velocity, a)
+        # (RB6), with g along -z.
+        G[column] = arm.gravity * (cross(z, s.moment[j], 2) + velocity[2] * s.mass[j])
         i = j
         while i >= 0:
-            a, S, D = arm.joint[i], s.joint[i], s.joint_rate[i]
-            M[a, b] = M[b, a] = (
-                S[0] * x + S[1] * y + S[2] * z + S[3] * u + S[4] * v + S[5] * w)
-            C[b, a] = (D[0] * x + D[1] * y + D[2] * z + D[3] * u + D[4] * v + D[5] * w
-                       + tx * S[0] + ty * S[1] + tz * S[2])
-            C[a, b] = (S[0] * dx + S[1] * dy + S[2] * dz + S[3] * du + S[4] * dv + S[5] * dw)
+            row = arm.joint[i]
+            S = s.joint[i]
+            # (RB5), then (RB4).
+            C[column, row] = add_product(
+                power(s.joint_rate[i], s.unit_momentum), turning, S
+            )
+            C[row, column] = power(S, momentum_rate)
             i = arm.parent[i]
-        M[b, b] += arm.rotor[j]
-        gather(arm, s, j, True)
+        gather_mass(arm, s, j)
+        gather_velocity_terms(arm, s, j)
 
 
 @function
 def bias(arm: Arm, s: BodyScratch, dq: Array, out: Array) -> None:
-    """Set C dq + G, after `place`, `weigh` and `move`, before `mass_matrix`."""
+    """
+    Set C dq + G.
+
+    It comes after `place`, `weigh` and `move`, and before `mass_matrix`.
+    """
     n = len(arm.parent)
+    momentum = s.unit_momentum
+    # The base accelerates upwards in place of gravity.
     s.acceleration[n, 5] = arm.gravity
     for i in range(n):
-        p, D, V, A, f, h = (arm.parent[i], s.joint_rate[i], s.twist[i], s.acceleration[i],
-                            s.force[i], s.moment[i])
+        rate = s.twist[i, :3]
+        velocity = s.twist[i, 3:]
+        force = s.force[i]
         for a in range(6):
-            A[a] = D[a] * dq[arm.joint[i]] + s.acceleration[p, a]
-        x, y, z, u, v, w = momentum_of(s.mass[i], h, s.inertia[i], V)
-        f[0], f[1], f[2], f[3], f[4], f[5] = momentum_of(s.mass[i], h, s.inertia[i], A)
-        f[0] += V[1] * z - V[2] * y + V[4] * w - V[5] * v
-        f[1] += V[2] * x - V[0] * z + V[5] * u - V[3] * w
-        f[2] += V[0] * y - V[1] * x + V[3] * v - V[4] * u
-        f[3] += V[1] * w - V[2] * v
-        f[4] += V[2] * u - V[0] * w
-        f[5] += V[0] * v - V[1] * u
+            s.acceleration[i, a] = (
+                s.joint_rate[i, a] * dq[arm.joint[i]] + s.acceleration[arm.parent[i], a]
+            )
+        # Rate of the momentum: that of the acceleration, plus twist x momentum.
+        set_momentum(s, i, s.twist[i], momentum)
+        set_momentum(s, i, s.acceleration[i], force)
+        for a in range(3):
+            force[a] += add_cross(
+                cross(rate, momentum[:3], a), velocity, momentum[3:], a
+            )
+            force[3 + a] += cross(rate, momentum[3:], a)
     for i in range(n - 1, -1, -1):
-        p, S, f = arm.parent[i], s.joint[i], s.force[i]
-        out[arm.joint[i]] = (S[0] * f[0] + S[1] * f[1] + S[2] * f[2] + S[3] * f[3]
-                             + S[4] * f[4] + S[5] * f[5])
-        for a in range(6):
-            s.force[p, a] += f[a]
+        out[arm.joint[i]] = power(s.joint[i], s.force[i])
+        add_to(s.force[arm.parent[i]], s.force[i])

@@ -13,66 +13,45 @@
 # limitations under the License.
 
 """
-The dynamics of an arm that a URDF describes, computed by Pinocchio.
+Dynamics of a URDF, computed by Pinocchio.
 
-Pinocchio's Coriolis matrix is that of Christoffel's symbols, so that ½ dM/dt - C is skew-symmetric
-and C(q, x) y = C(q, y) x. Only inertias and joints are read: meshes are not looked for.
+Control, simulation and identification take it for `model: urdf`. Its Coriolis matrix is that of
+Christoffel's symbols: ½ dM/dt - C is skew-symmetric, and C(q, x) y = C(q, y) x. Only inertias and
+joints are read. Meshes are not looked for.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-import dataclasses
 from functools import cached_property
 import importlib
 from typing import Any
 
-from ctc_chattering.dynamics.model import LinearModel, Model
+from ctc_chattering.dynamics.model import DynamicsTerms, LinearModel, Model
+from ctc_chattering.dynamics.tree import Arm
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
 from ctc_chattering.parameters import check_joint_names
 import numpy as np
-import numpy.typing as npt
 
-#: Least eigenvalue of M, scaled to a diagonal of ones, that counts as more than rounding.
+#: Eigenvalues of M, scaled to a diagonal of ones, are rounding up to this.
 _SINGULAR = 1e-10
-
-
-@dataclasses.dataclass
-class Arm:
-    """
-    A model of n joints: a tree of bodies, from the base outwards, or the two-link arm.
-
-    Frames are as `UrdfModel.bodies` says.
-    """
-
-    #: Whether it is the two-link arm, in closed form, which has no bodies.
-    closed: bool
-    #: Acceleration of gravity, downwards [m/s²], and a factor of M, C and G. Those of a tree are
-    #: in its masses.
-    gravity: float
-    scale: float
-    #: Body that carries each body; -1 for the base. Shape (n,).
-    parent: npt.NDArray[np.int64]
-    #: Whether the joint is prismatic, shape (n,).
-    prismatic: npt.NDArray[np.bool_]
-    #: Index in q, M, C and G of the joint of each body, shape (n,).
-    joint: npt.NDArray[np.int64]
-    #: Frame of the body at position 0 in that of the parent, shapes (n, 3, 3) and (n, 3) [m].
-    rotation: Array
-    offset: Array
-    #: Mass [kg], its centre [m] and the inertia about that [kg·m²], in the frame of the body.
-    mass: Array
-    center: Array
-    inertia: Array
-    #: Of the rotor of each body's joint, shape (n,) [kg·m²]: on the diagonal of M alone.
-    rotor: Array
+#: Elements of M's diagonal below this, relative to the largest, are rounding.
+_NO_INERTIA = 1e-14
+#: Shares in a singular motion above this, relative to the largest, are named.
+_NAMED_SHARE = 0.1
+#: Random positions at which M is checked, besides 0.
+_CHECKED_POSITIONS = 4
+#: Least mass in `parameter_sizes`, relative to the arm.
+_LEAST_MASS_RATIO = 0.05
+#: Least length in `parameter_sizes` [m].
+_LEAST_REACH_M = 0.05
 
 
 class UrdfModel(Model, LinearModel):
     """
-    Some joints of a URDF, the others locked.
+    Moving joints of a URDF with all others locked.
 
     Every position is one number, [rad] or [m], of a continuous joint as well. The model is for
     one thread at a time.
@@ -86,10 +65,10 @@ class UrdfModel(Model, LinearModel):
     gravity : float
         Acceleration of gravity, along -z of the root link [m/s²].
     locked : mapping of str to float, optional
-        Positions of other joints [rad or m]; 0 for those left out. A joint that mimics one of
+        Positions of other joints [rad or m]. The default is 0. A joint that mimics one of
         these goes with it.
     rotors : sequence of float
-        Inertias of the rotors at the joints [kg·m²], 0 for those of the URDF; empty for all of
+        Inertias of the rotors at the joints [kg·m²], 0 for those of the URDF. Empty for all of
         the URDF.
 
     Attributes
@@ -97,31 +76,36 @@ class UrdfModel(Model, LinearModel):
     joint_names : tuple of str
         As given.
     position_limits : tuple of (float, float), length n
-        Least and greatest position; ∓inf where the URDF has none.
+        Least and greatest position, ∓inf where the URDF has none.
     velocity_limits, effort_limits : tuple of float, length n
         inf where the URDF has none, or 0.
     continuous : tuple of bool, length n
-        Which joints are of this type.
+        True for a joint of this type.
     rotor_inertias : tuple of float, length n
-        Of the rotor of each joint, reflected to the joint, on the diagonal of M: as given, or
+        Inertia of each joint's rotor, reflected to the joint, on the diagonal of M: as given, or
         `rotor_inertia` in <dynamics>.
 
     Raises
     ------
     CtcError
         If Pinocchio is missing, the URDF is no tree of joints with one degree of freedom, or M is
-        singular; the message names the joints concerned.
+        singular. The message names the joints concerned.
 
     """
 
-    def __init__(self, urdf: str, joint_names: Sequence[str], gravity: float = 9.81,
-                 locked: Mapping[str, float] | None = None, rotors: Sequence[float] = ()
-                 ) -> None:
-        pin = pinocchio()
+    def __init__(
+        self,
+        urdf: str,
+        joint_names: Sequence[str],
+        gravity: float = 9.81,
+        locked: Mapping[str, float] | None = None,
+        rotors: Sequence[float] = (),
+    ) -> None:
+        self._pin = pinocchio()
         self.joint_names = tuple(joint_names)
         check_joint_names(self.joint_names)
         tree = Tree(urdf)
-        stand = tree.locked(self.joint_names, locked or {})
+        locked_positions = tree.locked(self.joint_names, locked or {})
         tree.check_limits(self.joint_names)
         joints = [tree.joints[name] for name in self.joint_names]
         self.position_limits = tuple(joint.position for joint in joints)
@@ -130,140 +114,184 @@ class UrdfModel(Model, LinearModel):
         self.continuous = tuple(joint.continuous for joint in joints)
         self.rotor_inertias = tuple(
             rotor or joint.rotor_inertia
-            for joint, rotor in zip(joints, rotors or (0.0,) * len(joints)))
-        self.n, self._links = len(joints), tuple(tree.links)
+            for joint, rotor in zip(joints, rotors or (0.0,) * len(joints))
+        )
+        self.n = len(joints)
         self.gravity = gravity
-        self._pin, self._model = pin, _reduced(pin, tree, stand)
+        self._model = _reduced_model(self._pin, tree, locked_positions)
         self._data = self._model.createData()
-        order = [self._model.joints[self._model.getJointId(name)].idx_v
-                 for name in self.joint_names]
-        #: Indices that bring a vector into Pinocchio's order; a vector and a matrix back from it.
-        self._order: Any = np.argsort(order)
-        self._back: Any = np.array(order)
-        self._square: Any = np.ix_(order, order)
+        #: Indices that bring a vector of Pinocchio into our order.
+        self._back: Any = np.array(
+            [
+                self._model.joints[self._model.getJointId(name)].idx_v
+                for name in self.joint_names
+            ]
+        )
+        #: Indices that bring our vectors into Pinocchio's order.
+        self._order: Any = np.argsort(self._back)
+        #: The same as `_back`, of a matrix.
+        self._square: Any = np.ix_(self._back, self._back)
+        #: Rows of joints and columns of bodies, of a regressor.
+        self._regressor: Any = np.ix_(
+            self._back, (10 * self._back[:, np.newaxis] + np.arange(10)).ravel()
+        )
         self._model.armature = np.array(self.rotor_inertias)[self._order]
-        self._inertial: Any = np.ix_(order, [10 * i + k for i in order for k in range(10)])
         self._model.gravity.linear = np.array([0.0, 0.0, -gravity])
         self._check_inertia()
 
     @cached_property
     def bodies(self) -> Arm:
         """
-        Return what the dynamics are computed from, fixed and locked joints merged.
+        Bodies for compiled code, without fixed and locked joints.
 
-        The frame of a body is at its joint, with the axis of the joint along z; rotation and
-        offset [m] place it, at position 0, in the frame of the body that carries it. Mass [kg],
-        centre [m] and inertia about the centre [kg·m²] are in the frame of the body.
+        Pinocchio's frames are turned so that each joint's axis is along z.
         """
-        model, n = self._model, self.n
-        axes = [np.array(joint.createData().S).ravel() for joint in model.joints.tolist()[1:]]
-        prismatic = np.array([not axis[3:].any() for axis in axes])
-        turns = [_to_z(axis[:3] if slides else axis[3:]) for axis, slides in zip(axes, prismatic)]
-        before = [np.eye(3), *turns]
-        rows = []
-        for i in range(n):
-            place, body = model.jointPlacements[i + 1], model.inertias[int(i) + 1]
-            parent = model.parents[i + 1]
-            rows.append((parent - 1, before[parent].T @ place.rotation @ turns[i],
-                         before[parent].T @ place.translation, body.mass,
-                         turns[i].T @ body.lever, turns[i].T @ body.inertia @ turns[i]))
-        parents, rotation, offset, mass, center, inertia = map(np.array, zip(*rows))
-        return Arm(False, self.gravity, 1.0, parents, prismatic, self._order, rotation, offset,
-                   mass, center, inertia, np.array(model.armature))
+        model = self._model
+        placements = model.jointPlacements.tolist()[1:]
+        inertias = model.inertias.tolist()[1:]
+        parents = np.array(model.parents.tolist()[1:]) - 1
+        # S of each joint, linear part first.
+        motions = [
+            np.array(joint.createData().S).ravel()
+            for joint in model.joints.tolist()[1:]
+        ]
+        prismatic = np.array([not motion[3:].any() for motion in motions])
+        # The last one is the base's, which the parent -1 takes.
+        turns = np.array(
+            [
+                *(
+                    _rotation_to_z(motion[:3] if slides else motion[3:])
+                    for motion, slides in zip(motions, prismatic)
+                ),
+                np.eye(3),
+            ]
+        )
+        into_parents = turns[parents].swapaxes(1, 2)
+        turns = turns[:-1]
+        into_bodies = turns.swapaxes(1, 2)
+        offsets = np.array([placement.translation for placement in placements])
+        centers = np.array([body.lever for body in inertias])
+        return Arm(
+            closed=False,
+            gravity=self.gravity,
+            scale=1.0,
+            parent=parents,
+            prismatic=prismatic,
+            joint=self._order,
+            rotation=into_parents
+            @ [placement.rotation for placement in placements]
+            @ turns,
+            offset=(into_parents @ offsets[:, :, np.newaxis])[:, :, 0],
+            mass=np.array([body.mass for body in inertias]),
+            center=(into_bodies @ centers[:, :, np.newaxis])[:, :, 0],
+            inertia=_mirrored(
+                into_bodies @ [body.inertia for body in inertias] @ turns
+            ),
+            rotor=np.array(model.armature),
+        )
 
-    def places(self) -> dict[str, tuple[int, Array]]:
-        """Return the joint that moves each link, and the place (4, 4) in that joint's frame."""
-        found = {}
-        for name, frame in ((name, self._model.frames[self._model.getFrameId(f'link {i}')])
-                            for i, name in enumerate(self._links)):
-            if frame.parentJoint:
-                found[name] = int(self._order[frame.parentJoint - 1]), frame.placement.homogeneous
-        return found
+    @property
+    def _inertias(self) -> list[Any]:
+        """Pinocchio's inertias of the bodies, in our order."""
+        bodies = self._model.inertias.tolist()[1:]
+        return [bodies[i] for i in self._back]
 
     def inertial_parameters(self) -> Array:
         """
-        Return ten parameters for each joint's body, shape (10 n,), bodies in our order.
+        Return ten parameters of each body, shape (10 n,).
 
         They are mass, first moments, and xx, xy, yy, xz, yz, zz of the inertia about the origin of
-        Pinocchio's frame of the joint.
+        the joint's frame.
         """
-        return np.concatenate([self._model.inertias[int(i) + 1].toDynamicParameters()
-                               for i in self._back])
+        return np.concatenate([body.toDynamicParameters() for body in self._inertias])
 
     def parameter_sizes(self) -> Array:
-        """Return how large each parameter is roughly, shape (10 n,)."""
+        """Return rough sizes of the parameters, shape (10 n,)."""
+        least_mass = _LEAST_MASS_RATIO * sum(
+            body.mass for body in self._model.inertias.tolist()[1:]
+        )
         sizes = []
-        whole = sum(body.mass for body in self._model.inertias.tolist()[1:])
-        for i in self._back:
-            body = self._model.inertias[int(i) + 1]
-            mass = max(body.mass, 0.05 * whole)
-            reach = max(float(np.linalg.norm(body.lever)), 0.05,
-                        float(np.sqrt(np.trace(body.inertia) / mass)))
-            sizes += [mass] + 3 * [mass * reach] + 6 * [mass * reach ** 2]
+        for body in self._inertias:
+            mass = max(body.mass, least_mass)
+            reach = max(
+                float(np.linalg.norm(body.lever)),
+                _LEAST_REACH_M,
+                float(np.sqrt(np.trace(body.inertia) / mass)),
+            )
+            sizes += [mass] + 3 * [mass * reach] + 6 * [mass * reach**2]
         return np.array(sizes)
 
-    def torque_regressor(self, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
-        """Return the derivative of the torque by `inertial_parameters`, shape (n, 10 n)."""
-        model, order = self._model, self._order
-        known = model.gravity.linear.copy()
-        model.gravity.linear = gravity
-        found: Array = self._pin.computeJointTorqueRegressor(
-            model, self._data, q[order], dq[order], ddq[order])[self._inertial]
-        model.gravity.linear = known
-        return found
+    def torque_regressor(
+        self, q: Array, dq: Array, ddq: Array, gravity: Array
+    ) -> Array:
+        """Return the torque per parameter, shape (n, 10 n)."""
+        own_gravity = self._model.gravity.linear.copy()
+        self._model.gravity.linear = gravity
+        regressor: Array = self._call(
+            self._pin.computeJointTorqueRegressor, q, dq, ddq
+        )[self._regressor]
+        self._model.gravity.linear = own_gravity
+        return regressor
 
-    def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
-        """Return M(q), C(q, dq) and G(q), shapes (n, n), (n, n) and (n,)."""
-        pin, model, data = self._pin, self._model, self._data
-        q, dq = q[self._order], dq[self._order]
-        return (pin.crba(model, data, q)[self._square],
-                pin.computeCoriolisMatrix(model, data, q, dq)[self._square],
-                pin.computeGeneralizedGravity(model, data, q)[self._back])
+    def evaluate(self, q: Array, dq: Array) -> DynamicsTerms:
+        """Return M(q), C(q, dq) and G(q) as arrays."""
+        return DynamicsTerms(
+            self._call(self._pin.crba, q)[self._square],
+            self._call(self._pin.computeCoriolisMatrix, q, dq)[self._square],
+            self._call(self._pin.computeGeneralizedGravity, q)[self._back],
+        )
 
     def mass_matrix(self, q: Vector) -> Rows:
         """Return M(q), shape (n, n)."""
-        rows: Rows = self._call(self._pin.crba, q)[self._square].tolist()
-        return rows
+        return self._matrix(self._pin.crba, q)
 
     def coriolis_matrix(self, q: Vector, dq: Vector) -> Rows:
         """Return C(q, dq), shape (n, n), of Christoffel's symbols."""
-        rows: Rows = self._call(self._pin.computeCoriolisMatrix, q, dq)[self._square].tolist()
-        return rows
+        return self._matrix(self._pin.computeCoriolisMatrix, q, dq)
 
     def gravity_torque(self, q: Vector) -> Vector:
         """Return G(q), shape (n,) [N·m or N]."""
         return self._vector(self._pin.computeGeneralizedGravity, q)
 
     def potential_energy(self, q: Vector) -> float:
-        """Return the potential energy, 0 where the centre of mass is at the root [J]."""
+        """Return the potential energy, 0 at the height of the root [J]."""
         return float(self._call(self._pin.computePotentialEnergy, q))
 
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
-        """Return M(q) a + C(q, dq) dq + G(q), shape (n,)."""
+        """Return the left side of (1), shape (n,)."""
         return self._vector(self._pin.rnea, q, dq, a)
 
     def _call(self, function: Any, *vectors: Vector | Array) -> Any:
-        """Return what a function of Pinocchio gives, in its order; the next call may change it."""
+        """Return a result of Pinocchio, until the next call."""
         return function(
-            self._model, self._data, *(np.array(x, float)[self._order] for x in vectors))
+            self._model, self._data, *(np.array(x, float)[self._order] for x in vectors)
+        )
 
-    def _vector(self, function: Any, *vectors: Vector) -> list[float]:
-        """Return a vector that a function of Pinocchio gives, in our order."""
-        values: list[float] = self._call(function, *vectors)[self._back].tolist()
+    def _vector(self, function: Any, *vectors: Vector) -> Vector:
+        """Return a vector in our order."""
+        values: Vector = self._call(function, *vectors)[self._back].tolist()
         return values
 
+    def _matrix(self, function: Any, *vectors: Vector) -> Rows:
+        """Return a matrix in our order."""
+        rows: Rows = self._call(function, *vectors)[self._square].tolist()
+        return rows
+
     def _check_inertia(self) -> None:
-        """Raise `CtcError` unless M is positive definite at a few positions."""
+        """Raise `CtcError` unless M is positive definite."""
         rng = np.random.default_rng(0)
-        for q in (np.zeros(self.n), *rng.uniform(-1.5, 1.5, (4, self.n))):
-            weak = _weak(self._call(self._pin.crba, q)[self._square])
-            if weak:
-                raise SingularInertia(tuple(self.joint_names[i] for i in weak))
+        for q in (
+            np.zeros(self.n),
+            *rng.uniform(-1.5, 1.5, (_CHECKED_POSITIONS, self.n)),
+        ):
+            singular = _singular_joints(self._call(self._pin.crba, q)[self._square])
+            if singular:
+                raise SingularInertia(tuple(self.joint_names[i] for i in singular))
 
 
 class SingularInertia(CtcError):
     """
-    A refusal of a URDF whose M is singular.
+    Refusal of a URDF whose M is singular.
 
     Attributes
     ----------
@@ -273,29 +301,37 @@ class SingularInertia(CtcError):
     """
 
     def __init__(self, joints: tuple[str, ...]) -> None:
-        super().__init__('URDF: M is singular: too little inertia is moved by '
-                         f'{", ".join(joints)} (a link without mass?)')
+        super().__init__(
+            'URDF: M is singular: too little inertia is moved by '
+            f'{", ".join(joints)} (a link without mass?)'
+        )
         self.joints = joints
 
 
-def _to_z(axis: Array) -> Array:
-    """Return a rotation that brings z to `axis`, shape (3, 3)."""
-    least = np.eye(3)[np.abs(axis).argmin()]
-    x = np.cross(least, axis)
+def _rotation_to_z(axis: Array) -> Array:
+    """Return a rotation that brings z to an axis."""
+    nearest_normal = np.eye(3)[np.abs(axis).argmin()]
+    x = np.cross(nearest_normal, axis)
     x /= np.linalg.norm(x)
     return np.column_stack((x, np.cross(axis, x), axis))
 
 
-def _weak(mass: Array) -> list[int]:
-    """Return the joints along whose motion M is singular; none if it is positive definite."""
+def _mirrored(matrix: Array) -> Array:
+    """Return the symmetric matrices of upper triangles."""
+    symmetric: Array = np.triu(matrix) + np.triu(matrix, 1).swapaxes(1, 2)
+    return symmetric
+
+
+def _singular_joints(mass: Array) -> list[int]:
+    """Return the joints along whose motion M is singular."""
     if not np.isfinite(mass).all():
         return list(range(len(mass)))
-    sizes = mass.diagonal()
-    scale = np.sqrt(np.where(sizes > 1e-14 * sizes.max(), sizes, np.inf))
+    diagonal = mass.diagonal()
+    scale = np.sqrt(np.where(diagonal > _NO_INERTIA * diagonal.max(), diagonal, np.inf))
     values, vectors = np.linalg.eigh(mass / np.outer(scale, scale))
-    part = np.abs(vectors[:, values <= _SINGULAR]).max(axis=1, initial=0.0)
-    found: list[int] = np.flatnonzero(part > 0.1 * part.max()).tolist()
-    return found
+    share = np.abs(vectors[:, values <= _SINGULAR]).max(axis=1, initial=0.0)
+    joints: list[int] = np.flatnonzero(share > _NAMED_SHARE * share.max()).tolist()
+    return joints
 
 
 def pinocchio() -> Any:
@@ -305,17 +341,19 @@ def pinocchio() -> Any:
         if not hasattr(library, 'buildModelFromXML'):
             raise ImportError('another package has its name')
     except ImportError as error:
-        raise CtcError(f'the model urdf needs Pinocchio ({error}): pip install pin, or '
-                       'apt install ros-jazzy-pinocchio') from None
+        raise CtcError(
+            f'the model urdf needs Pinocchio ({error}): pip install pin, or '
+            'apt install ros-jazzy-pinocchio'
+        ) from None
     return library
 
 
-def _reduced(pin: Any, tree: Tree, stand: Mapping[str, float]) -> Any:
-    """Return Pinocchio's model of the joints that are not in `stand`, where the others are."""
+def _reduced_model(pin: Any, tree: Tree, locked: Mapping[str, float]) -> Any:
+    """Return Pinocchio's model of the moving joints."""
     with as_ctc_error('URDF: Pinocchio refuses it'):
         model = pin.buildModelFromXML(tree.bare())
         q = pin.neutral(model)
-        ids = [model.getJointId(name) for name in stand]
-        for joint, value in zip(ids, stand.values()):
-            q[model.joints[joint].idx_q] = value
-        return pin.buildReducedModel(model, ids, q)
+        joints = [model.getJointId(name) for name in locked]
+        for joint, position in zip(joints, locked.values()):
+            q[model.joints[joint].idx_q] = position
+        return pin.buildReducedModel(model, joints, q)

@@ -12,70 +12,90 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Joints and links of a URDF: read, checked to form a tree of joints, reduced to inertias."""
+"""
+Links and joints of a URDF as one tree.
+
+Models, kinematics, joint limits and `ctc new-robot` read descriptions here. Input is the text of
+the URDF, or the element that `parse_description` returns. `Tree.bare` writes what Pinocchio needs.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from math import hypot
+from collections.abc import Collection, Container, Iterable, Mapping, Sequence
+from math import hypot, inf
 from typing import NamedTuple
 import xml.etree.ElementTree as ET
 
 from ctc_chattering.dynamics.description_xml import parse_description, XACRO
 from ctc_chattering.errors import CtcError, ParameterError, suggest
 
+#: Larger numbers are refused: sums of their squares overflow.
+_LARGEST_NUMBER = 1e300
+#: Attributes of an inertia.
+MOMENTS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+
+
 #: Types of joint with one degree of freedom.
 _MOVABLE = ('revolute', 'continuous', 'prismatic')
-_INF = float('inf')
-#: Largest number that counts as one.
-_LARGEST = 1e300
-#: Attributes of the elements of an inertial.
-_INERTIAL = {'mass': ('value',), 'inertia': ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')}
 
 
 class Origin(NamedTuple):
-    """Where something is on what carries it: x, y, z [m] and roll, pitch, yaw [rad]."""
+    """A frame in that of its parent."""
 
-    xyz: tuple[float, ...]
-    rpy: tuple[float, ...]
-
-
-def origin(where: str, element: ET.Element) -> Origin:
-    """Return what an element's origin says, zeros without one; raise `CtcError` for no numbers."""
-    found = element.find('origin')
-    given = {} if found is None else found.attrib
-    return Origin(*(tuple(numbers(where, f'origin {key}', given.get(key, '0 0 0'), 3))
-                    for key in ('xyz', 'rpy')))
+    #: x, y and z [m].
+    xyz: tuple[float, ...] = (0.0, 0.0, 0.0)
+    #: Roll, pitch and yaw [rad].
+    rpy: tuple[float, ...] = (0.0, 0.0, 0.0)
 
 
-def axis(where: str, joint: ET.Element) -> tuple[float, float, float]:
-    """Return the axis of a joint with length 1, or 0 as the text has it; raise for no numbers."""
-    x, y, z = _raw_axis(where, joint)
-    size = hypot(x, y, z) or 1.0
-    return x / size, y / size, z / size
-
-
-def _raw_axis(where: str, joint: ET.Element) -> list[float]:
-    """Return the axis of a joint as the text has it."""
-    element = joint.find('axis')
-    text = '1 0 0' if element is None else element.get('xyz', '1 0 0')
-    return numbers(where, 'axis', text, 3)
-
-
-def numbers(where: str, what: str, text: str, count: int, most: float = _LARGEST) -> list[float]:
-    """Return the numbers of an attribute, none of them larger than `most`."""
+def parse_numbers(
+    where: str, attribute: str, text: str, count: int, largest: float = _LARGEST_NUMBER
+) -> list[float]:
+    """Return the numbers of an attribute, none above `largest`."""
     try:
         values = [float(word) for word in text.split()]
     except ValueError:
         values = []
-    if len(values) != count or not all(abs(x) <= most for x in values):
-        raise CtcError(f'URDF: {where}: {what} is {text!r}, not '
-                       f'{"a number" if count == 1 else f"{count} numbers"}')
+    if len(values) != count or not all(abs(x) <= largest for x in values):
+        expected = 'a number' if count == 1 else f'{count} numbers'
+        raise CtcError(f'URDF: {where}: {attribute} is {text!r}, not {expected}')
     return values
 
 
+def number_text(values: Iterable[float]) -> str:
+    """Return numbers as an attribute has them, without rounding."""
+    return ' '.join(map(repr, values))
+
+
+def parse_origin(where: str, element: ET.Element) -> Origin:
+    """Return the origin of an element, zeros without one."""
+
+    def triple(key: str) -> tuple[float, ...]:
+        text = _attribute(element, 'origin', key, '0 0 0')
+        return tuple(parse_numbers(where, f'origin {key}', text, 3))
+
+    return Origin(triple('xyz'), triple('rpy'))
+
+
+def _attribute(parent: ET.Element, tag: str, key: str, default: str = '') -> str:
+    """Return an attribute of the first child with a tag."""
+    child = parent.find(tag)
+    return default if child is None else child.get(key, default)
+
+
+class Inertial(NamedTuple):
+    """Mass and inertia of a link."""
+
+    #: The centre of mass, and the axes of the moments, in the frame of the link.
+    origin: Origin
+    #: [kg]
+    mass: float
+    #: Elements of the inertia about the centre by attribute, ``ixx`` and so on [kg·m²].
+    moments: Mapping[str, float]
+
+
 class Mimic(NamedTuple):
-    """A joint that follows another: position = multiplier * that of the leader + offset."""
+    """A position that follows: multiplier * leader + offset."""
 
     leader: str
     multiplier: float
@@ -83,58 +103,76 @@ class Mimic(NamedTuple):
 
 
 class Joint(NamedTuple):
-    """One joint with one degree of freedom."""
+    """A joint with one degree of freedom."""
 
     name: str
     #: ``revolute``, ``continuous`` or ``prismatic``.
-    kind: str
-    #: Least and greatest position [rad or m]; ∓inf where there is no limit.
+    joint_type: str
+    #: Direction of the axis, of length 1, or zeros where the text says so.
+    axis: tuple[float, ...]
+    #: Least and greatest position [rad or m], ∓inf without limits.
     position: tuple[float, float]
-    #: Greatest speed [rad/s or m/s] and effort [N·m or N]; inf where the URDF has none, or 0.
+    #: Greatest speed [rad/s or m/s], inf where the URDF has none, or 0.
     velocity: float
+    #: Greatest effort [N·m or N], inf where the URDF has none, or 0.
     effort: float
-    #: Greatest acceleration and deceleration [rad/s² or m/s²], as URDF 1.2 has them; inf for none.
+    #: Greatest acceleration and deceleration of URDF 1.2 [rad/s² or m/s²], inf for none.
     acceleration: float
-    #: Inertia of the rotor, reflected to the joint [kg·m² or kg]; no body of the URDF has it.
+    #: Inertia of the rotor, reflected to the joint [kg·m² or kg]. No body includes it.
     rotor_inertia: float
-    #: Coulomb [N·m or N] and viscous [N·m·s/rad or N·s/m] friction; 0 where the URDF has none.
+    #: Coulomb friction [N·m or N].
     friction: float
+    #: Viscous friction [N·m·s/rad or N·s/m].
     damping: float
     mimic: Mimic | None
-    #: Contradiction in its limits or friction; empty for none.
+    #: Contradiction in its limits or friction, as a user reads it. Empty for none.
     fault: str
 
     @property
     def continuous(self) -> bool:
-        """Whether it turns endlessly."""
-        return self.kind == 'continuous'
+        """Return whether the joint turns endlessly."""
+        return self.joint_type == 'continuous'
+
+    @property
+    def prismatic(self) -> bool:
+        """Return whether the joint slides."""
+        return self.joint_type == 'prismatic'
+
+    @property
+    def position_unit(self) -> str:
+        """Return the unit of the position."""
+        return 'm' if self.prismatic else 'rad'
 
 
 class Tree:
     """
-    The joints of a URDF.
+    The links and joints of a URDF.
 
     Parameters
     ----------
     urdf : str or Element
-        Its text, or what `parse_description` made of it.
+        Its text, or the element of `parse_description`.
 
     Attributes
     ----------
     name : str
-        Of the robot; empty if it has none.
+        Name of the robot, empty without one.
+    root : str
+        Link that no joint carries.
     links : dict of str to Element
-        In the order of the text.
+        All links, in the order of the text.
+    inertials : dict of str to Inertial or None
+        Mass and inertia of each link.
     ends : dict of str to (str, str)
-        Parent and child link of every joint, fixed ones too, from the root outwards.
+        Parent and child link of every joint, fixed ones included, from the root outwards.
+    carriers : dict of str to str
+        Joint that carries each link but the root.
     joints : dict of str to Joint
-        Those with one degree of freedom, from the root outwards, in the order of the text.
+        Joints with one degree of freedom, from the root outwards.
     origins : dict of str to Origin
-        Where every joint is on its parent link.
-    axes : dict of str to tuple of float, length 3
-        Of the joints with one degree of freedom, of length 1, or 0 as the text has it.
+        Frame of every joint on its parent link.
     unexpanded : tuple of str
-        Macros of xacro that are left in the text, each once. They are ignored, as urdfdom does.
+        Macros of xacro that are still in the text. They are ignored, as urdfdom does.
 
     Raises
     ------
@@ -147,34 +185,65 @@ class Tree:
         robot = parse_description(urdf) if isinstance(urdf, str) else urdf
         if robot.tag != 'robot':
             raise CtcError(f'URDF: the outermost element is <{robot.tag}>, not <robot>')
-        self.unexpanded = tuple(dict.fromkeys(
-            element.tag for element in robot.iter() if str(element.tag).startswith(XACRO)))
+        self.unexpanded = tuple(
+            dict.fromkeys(
+                element.tag
+                for element in robot.iter()
+                if str(element.tag).startswith(XACRO)
+            )
+        )
         self.name = robot.get('name', '')
-        self.links, self._elements = _named(robot, 'link'), _named(robot, 'joint')
+        self.links = _elements_by_name(robot, 'link')
+        self._elements = _elements_by_name(robot, 'joint')
         if not self.links:
             advice = '; run xacro on it first' if self.unexpanded else ''
             raise CtcError(f'URDF: it has no link{advice}')
-        for link in self.links.values():
-            _check_inertia(link)
-        self.ends = _outwards(self.links, {
-            name: (_link(joint, 'parent', self.links), _link(joint, 'child', self.links))
-            for name, joint in self._elements.items()})
-        self.origins = {name: origin(f'joint {name}', joint)
-                        for name, joint in self._elements.items()}
-        self.axes: dict[str, tuple[float, float, float]] = {}
+        self.inertials = {name: _inertial(link) for name, link in self.links.items()}
+        self.ends = {
+            name: (
+                _link_name(joint, 'parent', self.links),
+                _link_name(joint, 'child', self.links),
+            )
+            for name, joint in self._elements.items()
+        }
+        self.carriers = _carriers(self.ends)
+        self.root = _root(self.links, self.carriers)
+        self.ends = {name: self.ends[name] for name in self._joints_outwards()}
+        self.origins = {
+            name: parse_origin(f'joint {name}', joint)
+            for name, joint in self._elements.items()
+        }
         self.joints: dict[str, Joint] = {}
         for name in self.ends:
-            kind = self._elements[name].get('type', '')
-            if kind in _MOVABLE:
+            joint_type = self._elements[name].get('type', '')
+            if joint_type in _MOVABLE:
                 self.joints[name] = _joint(self._elements[name])
-                self.axes[name] = axis(f'joint {name}', self._elements[name])
-            elif kind != 'fixed':
-                raise CtcError(f'URDF: joint {name} is {kind!r}; an arm has fixed joints, and '
-                               f'joints with one degree of freedom: {", ".join(_MOVABLE)}')
+            elif joint_type != 'fixed':
+                raise CtcError(
+                    f'URDF: joint {name} is {joint_type!r}; an arm has fixed joints, '
+                    f'and joints with one degree of freedom: {", ".join(_MOVABLE)}'
+                )
+
+    def joints_on(self, link: str) -> list[str]:
+        """Return the joints whose parent is a link."""
+        return [name for name, (parent, _) in self.ends.items() if parent == link]
+
+    def _joints_outwards(self) -> list[str]:
+        """Return all joints of the tree, from the root outwards."""
+        outwards: list[str] = []
+        waiting = self.joints_on(self.root)
+        while waiting:
+            name = waiting.pop(0)
+            outwards.append(name)
+            waiting = self.joints_on(self.ends[name][1]) + waiting
+        if len(outwards) < len(self.ends):
+            circle = ', '.join(name for name in self.ends if name not in outwards)
+            raise CtcError(f'URDF: joints {circle} form a closed chain')
+        return outwards
 
     @property
     def leaders(self) -> dict[str, tuple[str, ...]]:
-        """Joints that others mimic, with these."""
+        """Joints that others mimic, each with its followers."""
         followers: dict[str, tuple[str, ...]] = {}
         for name, joint in self.joints.items():
             if joint.mimic:
@@ -184,21 +253,26 @@ class Tree:
 
     @property
     def movable(self) -> tuple[str, ...]:
-        """Names of the joints a model can have: they mimic none, and none mimics them."""
+        """Joints of a model: they neither mimic nor lead."""
         leaders = self.leaders
-        return tuple(name for name, joint in self.joints.items()
-                     if joint.mimic is None and name not in leaders)
+        return tuple(
+            name
+            for name, joint in self.joints.items()
+            if joint.mimic is None and name not in leaders
+        )
 
-    def locked(self, chosen: Sequence[str], positions: Mapping[str, float]) -> dict[str, float]:
+    def locked(
+        self, selected: Sequence[str], positions: Mapping[str, float]
+    ) -> dict[str, float]:
         """
-        Return where every joint stands that is not one of `chosen` [rad or m].
+        Return the position of every joint not in `selected`.
 
         Parameters
         ----------
-        chosen : sequence of str
+        selected : sequence of str
             Joints of the model.
         positions : mapping of str to float
-            Positions of others; 0 for those left out. A joint that mimics goes with its leader.
+            Positions of other joints. The default is 0. A joint that mimics follows its leader.
 
         Raises
         ------
@@ -206,201 +280,279 @@ class Tree:
             If a name is wrong, or a joint of the model mimics another or is mimicked.
 
         """
-        for name in chosen:
+        self._check_selected(selected)
+        free = [
+            name
+            for name, joint in self.joints.items()
+            if joint.mimic is None and name not in selected
+        ]
+        for name, value in positions.items():
+            if name not in free or not abs(value) < inf:
+                raise ParameterError(
+                    'locked',
+                    f'{name}: {value}',
+                    f'finite positions of joints not in joint_names: {", ".join(free) or "none"}',
+                )
+        leading = {name: positions.get(name, 0.0) for name in free}
+        return {
+            name: self._position(name, leading)
+            for name in self.joints
+            if name not in selected
+        }
+
+    def _check_selected(self, selected: Sequence[str]) -> None:
+        """Raise `CtcError` unless a model can have the joints."""
+        for name in selected:
             joint = self.joints.get(name)
             if joint is None:
-                raise ParameterError('joint_names', tuple(chosen), 'movable joints of the URDF: '
-                                     f'{", ".join(self.movable)}{suggest(name, self.movable)}')
-            if joint.mimic is not None:
-                raise CtcError(f'URDF: joint {name} mimics {joint.mimic.leader} and cannot be a '
-                               'joint of the model')
-        free = [name for name, joint in self.joints.items()
-                if joint.mimic is None and name not in chosen]
-        for name, value in positions.items():
-            if name not in free or not abs(value) < _INF:
+                movable = self.movable
                 raise ParameterError(
-                    'locked', f'{name}: {value}',
-                    f'finite positions of joints not in joint_names: {", ".join(free) or "none"}')
-        stand = {name: positions.get(name, 0.0) for name in free}
-        followers = [name for name, joint in self.joints.items() if joint.mimic is not None]
-        return stand | {name: self._following(name, stand) for name in followers}
+                    'joint_names',
+                    tuple(selected),
+                    f'movable joints of the URDF: {", ".join(movable)}{suggest(name, movable)}',
+                )
+            if joint.mimic is not None:
+                raise CtcError(
+                    f'URDF: joint {name} mimics {joint.mimic.leader} and cannot be a '
+                    'joint of the model'
+                )
 
-    def _following(self, follower: str, stand: Mapping[str, float]) -> float:
-        """Return the position of a joint that mimics, where leaders `stand` [rad or m]."""
-        scale, shift, name = 1.0, 0.0, follower
-        for _ in self.joints:
-            mimic = self.joints[name].mimic
-            if mimic is None:
-                return scale * stand[name] + shift
-            shift += scale * mimic.offset
-            scale *= mimic.multiplier
-            leader = self.joints.get(mimic.leader)
-            if leader is None or (leader.mimic is None and mimic.leader not in stand):
-                what = 'not movable' if leader is None else 'a joint of the model'
-                raise CtcError(f'URDF: joint {name} mimics {mimic.leader}, which is {what}')
-            name = mimic.leader
-        raise CtcError(f'URDF: joint {follower} mimics itself')
+    def _position(
+        self, name: str, leading: Mapping[str, float], followers: tuple[str, ...] = ()
+    ) -> float:
+        """Return the position of a free or following joint."""
+        mimic = self.joints[name].mimic
+        if mimic is None:
+            return leading[name]
+        if name in followers:
+            raise CtcError(f'URDF: joint {name} mimics itself')
+        leader = self.joints.get(mimic.leader)
+        if leader is None or (leader.mimic is None and mimic.leader not in leading):
+            fault = 'not movable' if leader is None else 'a joint of the model'
+            raise CtcError(
+                f'URDF: joint {name} mimics {mimic.leader}, which is {fault}'
+            )
+        position = self._position(mimic.leader, leading, (*followers, name))
+        return mimic.multiplier * position + mimic.offset
 
     def check_limits(self, names: Iterable[str]) -> None:
-        """Raise `CtcError` if limits or friction of one of these joints contradict themselves."""
+        """Raise `CtcError` if limits or friction contradict themselves."""
         for name in names:
-            if name in self.joints and self.joints[name].fault:
-                raise CtcError(f'URDF: joint {name}: {self.joints[name].fault}')
+            joint = self.joints.get(name)
+            if joint and joint.fault:
+                raise CtcError(f'URDF: joint {name}: {joint.fault}')
 
     def bare(self) -> str:
         """
-        Return a URDF of links with their inertias and joints with their places and axes.
+        Return a URDF with inertias, origins and axes alone.
 
-        No meshes, so that no file is looked for; no limits. A continuous joint is a revolute one
-        here: to the dynamics there is no difference. Links and fixed joints get other names: in
-        Pinocchio, but not in a URDF, those of joints and links must differ.
+        Without meshes, no file is looked for. A continuous joint becomes a revolute one, which
+        has the same dynamics. Links and fixed joints get other names: in Pinocchio, unlike in a
+        URDF, a joint must not have the name of a link. Link i is called ``link i``.
         """
         robot = ET.Element('robot', name='robot')
-        names = {name: f'link {i}' for i, name in enumerate(self.links)}
-        for name, link in self.links.items():
-            ET.SubElement(robot, 'link', name=names[name]).extend(
-                map(_bare_inertial, link.findall('inertial')))
+        bare_names = {name: f'link {i}' for i, name in enumerate(self.links)}
+        for name, inertial in self.inertials.items():
+            link = ET.SubElement(robot, 'link', name=bare_names[name])
+            if inertial is not None:
+                # Numbers without spaces around them: urdfdom does not read those.
+                fill_inertial(ET.SubElement(link, 'inertial'), inertial)
         for i, (name, joint) in enumerate(self._elements.items()):
-            made = ET.SubElement(robot, 'joint', name=name if name in self.joints else (
-                f'fixed joint {i}'), type=joint.get('type', '').replace('continuous', 'revolute'))
-            for tag, end in zip(('parent', 'child'), self.ends[name]):
-                ET.SubElement(made, tag, link=names[end])
-            _add_origin(made, self.origins[name])
-            ET.SubElement(made, 'axis', xyz=_words(_raw_axis(f'joint {name}', joint)))
-            ET.SubElement(made, 'limit', lower='-1', upper='1', effort='0', velocity='0')
+            bare_type = joint.get('type', '').replace('continuous', 'revolute')
+            bare_name = name if name in self.joints else f'fixed joint {i}'
+            parent, child = self.ends[name]
+            bare = add_joint(
+                robot, bare_name, bare_type, bare_names[parent], bare_names[child]
+            )
+            add_origin(bare, self.origins[name])
+            ET.SubElement(bare, 'axis', xyz=number_text(_axis_numbers(joint)))
+            ET.SubElement(
+                bare, 'limit', lower='-1', upper='1', effort='0', velocity='0'
+            )
         return ET.tostring(robot, encoding='unicode')
 
 
-def _named(robot: ET.Element, tag: str) -> dict[str, ET.Element]:
-    """Return the links, or joints, by name; raise unless each has a name of its own."""
-    found: dict[str, ET.Element] = {}
+def _elements_by_name(robot: ET.Element, tag: str) -> dict[str, ET.Element]:
+    """Return links or joints by their unique names."""
+    elements: dict[str, ET.Element] = {}
     for element in robot.findall(tag):
         name = element.get('name', '')
-        if not name or name in found:
-            raise CtcError(f'URDF: {f"two {tag}s are" if name else f"a {tag} is not"} '
-                           f'named {name}'.rstrip())
-        found[name] = element
-    return found
+        if not name:
+            raise CtcError(f'URDF: a {tag} is not named')
+        if name in elements:
+            raise CtcError(f'URDF: two {tag}s are named {name}')
+        elements[name] = element
+    return elements
 
 
-def _outwards(links: Collection[str], ends: Mapping[str, tuple[str, str]]
-              ) -> dict[str, tuple[str, str]]:
-    """Return joints and their links from the root outwards; raise if they do not form one tree."""
-    above: dict[str, str] = {}
-    children: dict[str, list[str]] = {link: [] for link in links}
-    for name, (parent, child) in ends.items():
-        if child in above:
-            raise CtcError(f'URDF: joints {above[child]} and {name} both carry link {child}: '
-                           'a closed chain')
-        above[child] = name
-        children[parent].append(child)
-    waiting = [link for link in links if link not in above]
-    if len(waiting) > 1:
-        raise CtcError(f'URDF: no joint carries the links {", ".join(waiting)}, but one link '
-                       'alone can be the base')
-    found: dict[str, tuple[str, str]] = {}
-    while waiting:
-        link = waiting.pop()
-        if link in above:
-            found[above[link]] = ends[above[link]]
-        waiting += reversed(children[link])
-    if len(found) < len(ends):
-        circle = ', '.join(name for name in ends if name not in found)
-        raise CtcError(f'URDF: joints {circle} form a closed chain')
-    return found
-
-
-def _link(joint: ET.Element, tag: str, links: Collection[str]) -> str:
-    """Return the name of the link on one side of a joint."""
-    element = joint.find(tag)
-    name = '' if element is None else element.get('link', '')
+def _link_name(joint: ET.Element, tag: str, links: Collection[str]) -> str:
+    """Return the parent or child link of a joint."""
+    name = _attribute(joint, tag, 'link')
     if name not in links:
-        raise CtcError(f'URDF: the {tag} of joint {joint.get("name")} is '
-                       f'{f"{name}, which is no link" if name else "missing"}')
+        fault = f'{name}, which is no link' if name else 'missing'
+        raise CtcError(f'URDF: the {tag} of joint {joint.get("name")} is {fault}')
     return name
 
 
-def _check_inertia(link: ET.Element) -> None:
-    """Raise unless inertias can be read; the parser would leave them out."""
-    for inertial in link.findall('inertial'):
-        where = f'inertial of link {link.get("name")}'
-        for tag, keys in _INERTIAL.items():
-            element = inertial.find(tag)
-            if element is None:
-                raise CtcError(f'URDF: {where} has no {tag}')
-            for key in keys:
-                (value,) = numbers(where, f'{tag} {key}', element.get(key, ''), 1)
-                if tag == 'mass' and value < 0.0:
-                    raise CtcError(f'URDF: {where}: mass is {value:g} kg; it must not be negative')
-        origin(where, inertial)
+def _carriers(ends: Mapping[str, tuple[str, str]]) -> dict[str, str]:
+    """Return the one joint that carries each link."""
+    carriers: dict[str, str] = {}
+    for name, (_, child) in ends.items():
+        if child in carriers:
+            raise CtcError(
+                f'URDF: joints {carriers[child]} and {name} both carry link {child}: '
+                'a closed chain'
+            )
+        carriers[child] = name
+    return carriers
 
 
-def _bare_inertial(inertial: ET.Element) -> ET.Element:
-    """Return checked inertias with nothing around their numbers: urdfdom drops those it has."""
-    bare = ET.Element('inertial')
-    _add_origin(bare, origin('', inertial))
-    for tag, keys in _INERTIAL.items():
+def _root(links: Iterable[str], carriers: Container[str]) -> str:
+    """Return the only link that no joint carries."""
+    roots = [link for link in links if link not in carriers]
+    if len(roots) > 1:
+        raise CtcError(
+            f'URDF: no joint carries the links {", ".join(roots)}, but one link '
+            'alone can be the base'
+        )
+    return ''.join(roots)
+
+
+def _inertial(link: ET.Element) -> Inertial | None:
+    """Return the first inertial of a link."""
+    where = f'inertial of link {link.get("name")}'
+    inertials = [
+        _parse_inertial(where, element) for element in link.findall('inertial')
+    ]
+    return inertials[0] if inertials else None
+
+
+def _parse_inertial(where: str, inertial: ET.Element) -> Inertial:
+    def number(tag: str, key: str) -> float:
         element = inertial.find(tag)
-        assert element is not None  # _check_inertia has seen it.
-        ET.SubElement(bare, tag, {key: repr(float(element.get(key, ''))) for key in keys})
-    return bare
+        if element is None:
+            raise CtcError(f'URDF: {where} has no {tag}')
+        return parse_numbers(where, f'{tag} {key}', element.get(key, ''), 1)[0]
+
+    mass = number('mass', 'value')
+    if mass < 0.0:
+        raise CtcError(f'URDF: {where}: mass is {mass:g} kg; it must not be negative')
+    moments = {key: number('inertia', key) for key in MOMENTS}
+    return Inertial(parse_origin(where, inertial), mass, moments)
 
 
-def _add_origin(parent: ET.Element, place: Origin) -> None:
-    ET.SubElement(parent, 'origin', xyz=_words(place.xyz), rpy=_words(place.rpy))
+def fill_inertial(element: ET.Element, inertial: Inertial) -> None:
+    """Add mass and inertia to an element."""
+    add_origin(element, inertial.origin)
+    ET.SubElement(element, 'mass', value=repr(inertial.mass))
+    ET.SubElement(
+        element,
+        'inertia',
+        {key: repr(moment) for key, moment in inertial.moments.items()},
+    )
 
 
-def _words(values: Iterable[float]) -> str:
-    return ' '.join(map(repr, values))
+def add_joint(
+    robot: ET.Element, name: str, joint_type: str, parent: str, child: str
+) -> ET.Element:
+    """Add a joint between two links, and return it."""
+    joint = ET.SubElement(robot, 'joint', name=name, type=joint_type)
+    ET.SubElement(joint, 'parent', link=parent)
+    ET.SubElement(joint, 'child', link=child)
+    return joint
+
+
+def add_origin(parent: ET.Element, origin: Origin) -> None:
+    """Add an origin to an element."""
+    ET.SubElement(
+        parent, 'origin', xyz=number_text(origin.xyz), rpy=number_text(origin.rpy)
+    )
+
+
+def _axis_numbers(joint: ET.Element) -> list[float]:
+    """Return the axis as the text has it."""
+    text = _attribute(joint, 'axis', 'xyz', '1 0 0')
+    return parse_numbers(f'joint {joint.get("name")}', 'axis', text, 3)
+
+
+def _unit_axis(joint: ET.Element) -> tuple[float, ...]:
+    numbers = _axis_numbers(joint)
+    length = hypot(*numbers) or 1.0
+    return tuple(x / length for x in numbers)
 
 
 def _joint(element: ET.Element) -> Joint:
-    name, kind = element.get('name', ''), element.get('type', '')
+    """Return a joint with one degree of freedom."""
+    name = element.get('name', '')
+    joint_type = element.get('type', '')
     where = f'joint {name}'
 
-    def number(tag: str, key: str, default: str = '0', most: float = _INF) -> float:
-        part = element.find(tag)
-        text = default if part is None else part.get(key, default)
-        return numbers(where, key, text, 1, most)[0]
+    def number(tag: str, key: str, default: str = '0', largest: float = inf) -> float:
+        text = _attribute(element, tag, key, default)
+        return parse_numbers(where, key, text, 1, largest)[0]
 
     sizes = {key: number('limit', key) for key in ('effort', 'velocity')}
-    sizes |= {key: number('limit', key, 'inf') for key in ('acceleration', 'deceleration')}
-    sizes |= {key: number('dynamics', key, most=_LARGEST) for key in ('friction', 'damping')}
-    rotor_inertia = number('dynamics', 'rotor_inertia', most=_LARGEST)  # Not in the standard.
+    sizes |= {
+        key: number('limit', key, 'inf') for key in ('acceleration', 'deceleration')
+    }
+    sizes |= {
+        key: number('dynamics', key, largest=_LARGEST_NUMBER)
+        for key in ('friction', 'damping')
+    }
+    # Not in the standard.
+    rotor_inertia = number('dynamics', 'rotor_inertia', largest=_LARGEST_NUMBER)
     if rotor_inertia < 0.0:
-        raise CtcError(f'URDF: {where}: rotor_inertia is {rotor_inertia:g}; it must not be '
-                       'negative')
-    low, high = number('limit', 'lower'), number('limit', 'upper')
-    if kind == 'continuous' or low == high == 0.0:
-        low, high = -_INF, _INF
-    acceleration = min(sizes[key] or _INF for key in ('acceleration', 'deceleration'))
-    return Joint(name, kind, (low, high), sizes['velocity'] or _INF, sizes['effort'] or _INF,
-                 acceleration, rotor_inertia, sizes['friction'], sizes['damping'],
-                 _mimic(where, element), _fault(sizes) or _fault_of_range(low, high))
+        raise CtcError(
+            f'URDF: {where}: rotor_inertia is {rotor_inertia:g}; it must not be negative'
+        )
+    low = number('limit', 'lower')
+    high = number('limit', 'upper')
+    if joint_type == 'continuous' or low == high == 0.0:
+        low, high = -inf, inf
+    return Joint(
+        name,
+        joint_type,
+        _unit_axis(element),
+        (low, high),
+        velocity=sizes['velocity'] or inf,
+        effort=sizes['effort'] or inf,
+        acceleration=min(sizes['acceleration'] or inf, sizes['deceleration'] or inf),
+        rotor_inertia=rotor_inertia,
+        friction=sizes['friction'],
+        damping=sizes['damping'],
+        mimic=_mimic(where, element),
+        fault=_negative_size(sizes) or _empty_range(low, high),
+    )
 
 
 def _mimic(where: str, element: ET.Element) -> Mimic | None:
+    """Return the joint that a joint follows."""
     mimic = element.find('mimic')
     if mimic is None:
         return None
-    (multiplier,) = numbers(where, 'multiplier', mimic.get('multiplier', '1'), 1)
-    (offset,) = numbers(where, 'offset', mimic.get('offset', '0'), 1)
+    (multiplier,) = parse_numbers(where, 'multiplier', mimic.get('multiplier', '1'), 1)
+    (offset,) = parse_numbers(where, 'offset', mimic.get('offset', '0'), 1)
     return Mimic(mimic.get('joint', ''), multiplier, offset)
 
 
-def _fault(sizes: Mapping[str, float]) -> str:
-    """Return which of some sizes is negative; empty for none."""
+def _negative_size(sizes: Mapping[str, float]) -> str:
+    """Return the fault of a negative size, or nothing."""
     for name, value in sizes.items():
         if value < 0.0 and name in ('effort', 'velocity'):
-            return (f'{name} is {value:g}, which Gazebo takes for no limit and ros2_control for '
-                    f'{-value:g}; write 0 for no limit, or the limit')
+            return (
+                f'{name} is {value:g}, which Gazebo takes for no limit and ros2_control for '
+                f'{-value:g}; write 0 for no limit, or the limit'
+            )
         if value < 0.0:
             return f'{name} is {value:g}; it must not be negative'
     return ''
 
 
-def _fault_of_range(low: float, high: float) -> str:
-    """Return the fault of limits that leave no room; simulators take some for no limits."""
-    return '' if low < high else (
+def _empty_range(low: float, high: float) -> str:
+    """Return the fault of limits without positions, or nothing."""
+    if low < high:
+        return ''
+    return (
         f'lower is {low:g} and upper {high:g}, where one that is missing is 0; lower must be '
-        'below upper, or both 0 for no limits')
+        'below upper, or both 0 for no limits'
+    )

@@ -13,9 +13,11 @@
 # limitations under the License.
 
 """
-How near the links of a robot come to each other, by Pinocchio and the shapes of its description.
+Distances between the links of a robot along a motion.
 
-Meshes count as their convex hull, in which they lie.
+`ctc excite` refuses motions that bring links too near each other. Shapes come from the URDF,
+poses from `ForwardKinematics`, distances from Pinocchio and coal. A mesh counts as its convex
+hull, which contains it.
 """
 
 from __future__ import annotations
@@ -25,19 +27,42 @@ import copy
 import importlib
 from itertools import combinations
 from math import inf
-from typing import Any
+from typing import Any, NamedTuple
 import xml.etree.ElementTree as ET
 
 from ctc_chattering.configuration.package_share import find_mesh
+from ctc_chattering.dynamics.kinematics import ForwardKinematics
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: Name of the floor in messages, and half the sides of the box that stands for it [m].
-FLOOR, _WIDE = 'the floor', 50.0
-#: Distance below which links touch [m].
-_TOUCH = 1e-3
+#: Name of the floor among the links.
+FLOOR = 'the floor'
+#: Half of the floor's edges [m].
+_FLOOR_HALF_WIDTH_M = 50.0
+#: Links that are nearer than this touch [m].
+_TOUCH_M = 1e-3
+
+
+class LinkShapes(NamedTuple):
+    """The collision shapes of a robot."""
+
+    #: Pinocchio's GeometryModel.
+    model: Any
+    #: Link of each shape; `FLOOR` for the floor.
+    links: list[str]
+    #: Pose of each shape in the frame of its link, shape (shapes, 4, 4).
+    poses: Array
+
+
+class Approach(NamedTuple):
+    """The instant at which two links have the least to spare."""
+
+    #: Distance over the required one, less 1.
+    spare: float
+    #: Links, time, distance and required distance, as a user reads them.
+    text: str
 
 
 class SelfCollision:
@@ -49,22 +74,22 @@ class SelfCollision:
     description : str
         Text of the URDF.
     joints : sequence of str, length n
-        That move.
+        Joints that move.
     locked : mapping of str to float
-        Positions of others [rad or m].
+        Positions of other joints [rad or m].
     rests : ndarray, shape (m, n)
         Positions at which links may be near each other: the centre first, and the start.
     clearance : float
-        What links must keep; half of their distance at `rests` if that is less [m].
+        Distance that links must keep [m]. Half of their distance at `rests`, if less, suffices.
     floor : float
-        Height of a floor in the frame of the root link; inf for none [m].
+        Height of a floor in the frame of the root link [m]; inf for none.
 
     Attributes
     ----------
     pairs : list of (str, str)
-        Links that are checked; a pair of links comes as often as they have shapes.
+        Links that are checked. A pair of links comes as often as they have shapes.
     touching : list of str
-        Pairs of links that touch at the first of `rests`; they are not checked.
+        Pairs of links that touch at the first of `rests`. They are not checked.
     unseen : list of str
         Links with a picture but no shape, or a shape of a file that is missing.
 
@@ -75,8 +100,15 @@ class SelfCollision:
 
     """
 
-    def __init__(self, description: str, joints: Sequence[str], locked: Mapping[str, float],
-                 rests: Array, clearance: float, floor: float = inf) -> None:
+    def __init__(
+        self,
+        description: str,
+        joints: Sequence[str],
+        locked: Mapping[str, float],
+        rests: Array,
+        clearance: float,
+        floor: float = inf,
+    ) -> None:
         if not description:
             raise CtcError('there is no description of its links')
         tree = Tree(description)
@@ -84,36 +116,40 @@ class SelfCollision:
         self._pin: Any = importlib.import_module('pinocchio')
         if not hasattr(self._pin, 'computeDistance'):
             raise CtcError('this Pinocchio has no coal')
+        self._kinematics = ForwardKinematics(tree, joints, locked)
         with as_ctc_error('collision shapes: Pinocchio refuses them'):
-            self._model, self._shapes = geometry(
-                self._pin, text, tree.locked(joints, locked), floor)
-        back = [self._model.joints[self._model.getJointId(name)].idx_q for name in joints]
-        self._order: Any = np.argsort(back)
+            self._shapes = geometry(self._pin, text, list(tree.links), floor)
+        names = self._shapes.links
+        frame_indices = {frame.link: i for i, frame in enumerate(self._kinematics.frames)}
+        # The floor is fixed to the root.
+        self._frame_indices = [frame_indices.get(name, 0) for name in names]
+        bodies = self._kinematics.rigid_bodies()
+        body_of = {link: i for i, body in enumerate(bodies) for link in body}
         joined = {frozenset(tree.ends[name]) for name in joints}
-        shapes = self._shapes.geometryObjects.tolist()
-        # `Tree.bare` and Pinocchio made the names.
-        links = list(tree.links)
-        names = [FLOOR if x.name == FLOOR else links[int(x.name.split()[1].split('_')[0])]
-                 for x in shapes]
-        pairs = [(a, b) for (a, x), (b, y) in combinations(enumerate(shapes), 2)
-                 if x.parentJoint != y.parentJoint
-                 and frozenset((names[a], names[b])) not in joined]
+        pairs = [
+            (a, b)
+            for a, b in combinations(range(len(names)), 2)
+            if body_of.get(names[a]) != body_of.get(names[b])
+            and frozenset((names[a], names[b])) not in joined
+        ]
         distances = self._distances(pairs, rests)
-        touch = distances[0] <= _TOUCH
-        self._kept = [pair for pair, no in zip(pairs, touch) if not no]
-        free = np.where(distances > _TOUCH, distances, inf)[:, ~touch].min(axis=0)
-        self._least = np.minimum(clearance, 0.5 * free)
-        self.pairs, touching = ([(names[a], names[b]) for (a, b), yes in zip(pairs, touch)
-                                 if yes == kind] for kind in (False, True))
-        self.touching = sorted({' and '.join(pair) for pair in touching})
+        touch = distances[0] <= _TOUCH_M
+        self._checked = [pair for pair, touches in zip(pairs, touch) if not touches]
+        self.pairs = [(names[a], names[b]) for a, b in self._checked]
+        self.touching = sorted(
+            {f'{names[a]} and {names[b]}' for (a, b), touches in zip(pairs, touch) if touches}
+        )
+        separate = np.where(distances > _TOUCH_M, distances, inf)[:, ~touch].min(axis=0)
+        self._required = np.minimum(clearance, 0.5 * separate)
+        if not pairs:
+            unseen = f' ({", ".join(self.unseen)})' if self.unseen else ''
+            raise CtcError(f'no two links have collision shapes{unseen}')
         if not self.pairs:
-            why = f' ({", ".join(self.unseen)})' if self.unseen else ''
-            raise CtcError(f'no two links have collision shapes{why}' if not pairs else
-                           f'links touch at the centre: {", ".join(self.touching)}')
+            raise CtcError(f'links touch at the centre: {", ".join(self.touching)}')
 
-    def nearest(self, t: Array, q: Array) -> tuple[float, str]:
+    def nearest(self, t: Array, q: Array) -> Approach:
         """
-        Return where links have the least to spare.
+        Return the approach with the least to spare.
 
         Parameters
         ----------
@@ -122,33 +158,36 @@ class SelfCollision:
         q : ndarray, shape (N, n)
             Positions at these [rad].
 
-        Returns
-        -------
-        spare : float
-            Distance over what links must keep, less 1.
-        text : str
-            Which links, when, how near, and what they must keep.
-
         """
-        distances = self._distances(self._kept, q)
-        spare = distances / self._least - 1.0
+        distances = self._distances(self._checked, q)
+        spare = distances / self._required - 1.0
         k, pair = divmod(int(spare.argmin()), len(self.pairs))
-        found, (first, second) = float(distances[k, pair]), self.pairs[pair]
-        how = f'{found:.2g} m' if found > 0.0 else 'they touch'
-        return float(spare[k, pair]), (f'{how}, {first} and {second} at {t[k]:.1f} s; at least '
-                                       f'{self._least[pair]:.2g} m')
+        distance = float(distances[k, pair])
+        first, second = self.pairs[pair]
+        shown = f'{distance:.2g} m' if distance > 0.0 else 'they touch'
+        return Approach(
+            float(spare[k, pair]),
+            (
+                f'{shown}, {first} and {second} at {t[k]:.1f} s; at least '
+                f'{self._required[pair]:.2g} m'
+            ),
+        )
 
     def _distances(self, pairs: Sequence[tuple[int, int]], q: Array) -> Array:
         """Return the distances of pairs of shapes at positions q, (N, n), shape (N, pairs) [m]."""
-        pin, shapes, state = self._pin, self._shapes, self._model.createData()
-        shapes.removeAllCollisionPairs()
+        model = self._shapes.model
+        model.removeAllCollisionPairs()
         for pair in pairs:
-            shapes.addCollisionPair(pin.CollisionPair(*pair))
-        data, found = shapes.createData(), np.empty((len(q), len(pairs)))
-        for row, place in zip(found, q):
-            pin.computeDistances(self._model, state, shapes, data, place[self._order])
-            row[:] = [x.min_distance for x in data.distanceResults]
-        return found
+            model.addCollisionPair(self._pin.CollisionPair(*pair))
+        data = model.createData()
+        shape_poses = self._kinematics.poses(q)[:, self._frame_indices] @ self._shapes.poses
+        distances = np.empty((len(q), len(pairs)))
+        for row, poses in zip(distances, shape_poses):
+            for i, pose in enumerate(poses):
+                data.oMg[i] = self._pin.SE3(pose)
+            self._pin.computeDistances(model, data)
+            row[:] = [result.min_distance for result in data.distanceResults]
+        return distances
 
 
 def shaped(tree: Tree) -> tuple[str, list[str]]:
@@ -168,24 +207,46 @@ def shaped(tree: Tree) -> tuple[str, list[str]]:
     return ET.tostring(robot, encoding='unicode'), unseen
 
 
-def geometry(pin: Any, text: str, stand: Mapping[str, float], floor: float) -> Any:
-    """Return Pinocchio's model of the joints that move, and its shapes, meshes as their hulls."""
-    model = pin.buildModelFromXML(text)
-    shapes = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
+def geometry(pin: Any, text: str, links: Sequence[str], floor: float) -> LinkShapes:
+    """
+    Return collision shapes, meshes as their hulls.
+
+    Parameters
+    ----------
+    pin : module
+        Pinocchio.
+    text : str
+        URDF whose link i is called ``link i``, as those of `Tree.bare`.
+    links : sequence of str
+        Names of these links.
+    floor : float
+        Height of a floor [m]; inf for none.
+
+    """
+    robot = pin.buildModelFromXML(text)
+    model = pin.buildGeomFromUrdfString(robot, text, pin.GeometryType.COLLISION)
+    names = []
+    poses = []
+    for shape in model.geometryObjects:
+        link = robot.frames[shape.parentFrame]
+        names.append(links[int(link.name.removeprefix('link '))])
+        poses.append(link.placement.actInv(shape.placement).homogeneous)
+        _replace_by_hull(shape)
     if floor < inf:
         coal: Any = importlib.import_module('coal')
-        place = pin.SE3(np.eye(3), np.array([0.0, 0.0, floor - _WIDE]))
-        shapes.addGeometryObject(pin.GeometryObject(
-            FLOOR, 0, 0, place, coal.Box(*[2.0 * _WIDE] * 3)))
-    for shape in shapes.geometryObjects:
-        if hasattr(shape.geometry, 'buildConvexHull'):
-            try:
-                shape.geometry.buildConvexHull(True, 'Qt')
-            except (RuntimeError, ValueError):  # All points in a plane.
-                continue
-            shape.geometry = shape.geometry.convex
-    q = pin.neutral(model)
-    ids = [model.getJointId(name) for name in stand]
-    for joint, value in zip(ids, stand.values()):
-        q[model.joints[joint].idx_q] = value
-    return pin.buildReducedModel(model, shapes, ids, q)
+        box = coal.Box(*[2.0 * _FLOOR_HALF_WIDTH_M] * 3)
+        pose = pin.SE3(np.eye(3), np.array([0.0, 0.0, floor - _FLOOR_HALF_WIDTH_M]))
+        model.addGeometryObject(pin.GeometryObject(FLOOR, 0, 0, pose, box))
+        names.append(FLOOR)
+        poses.append(pose.homogeneous)
+    return LinkShapes(model, names, np.array(poses).reshape(-1, 4, 4))
+
+
+def _replace_by_hull(shape: Any) -> None:
+    """Replace the mesh of a shape by its convex hull."""
+    if hasattr(shape.geometry, 'buildConvexHull'):
+        try:
+            shape.geometry.buildConvexHull(True, 'Qt')
+        except (RuntimeError, ValueError):  # All points in a plane.
+            return
+        shape.geometry = shape.geometry.convex

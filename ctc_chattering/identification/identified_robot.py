@@ -28,8 +28,9 @@ from ctc_chattering.bags.recording import RecordedMotion, Recording
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.arm_knowledge import ASSUMED_ROTOR
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.dynamics.corrected_urdf import tip_of, with_payload, with_rotors
+from ctc_chattering.dynamics.corrected_urdf import with_rotors
 from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.payload import tip_of, with_payload
 from ctc_chattering.dynamics.registry import DESCRIBED, locked_positions, make_model
 from ctc_chattering.dynamics.urdf_model import SingularInertia
 from ctc_chattering.dynamics.urdf_parser import Tree

@@ -87,7 +87,7 @@ def _joint_limits(name: str, joint: Joint | None) -> JointLimits:
         return JointLimits(name)
     return JointLimits(
         name,
-        'm' if joint.kind == 'prismatic' else 'rad',
+        joint.position_unit,
         joint.position,
         (-joint.velocity, joint.velocity),
         (-joint.acceleration, joint.acceleration),

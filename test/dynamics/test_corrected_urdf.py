@@ -31,7 +31,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from urdfs import grip, joint, link, PANDA, panda, TWO_LINKS, two_links, UR5, ur5, urdf
+from urdfs import grip, joint, link, PANDA, panda, TWO_LINKS, two_links, urdf
 
 ROBOTS = {'panda': (panda(), PANDA), 'two links': (two_links(), ('b', 'a'))}
 
@@ -166,57 +166,3 @@ def test_refused(change: dict[str, object], words: str) -> None:
     arguments = {'parameters': rows(UrdfModel(two_links(), TWO_LINKS)), **change}
     with pytest.raises(CtcError, match=words):
         corrected_urdf(two_links(), TWO_LINKS, **arguments)  # type: ignore[arg-type]
-
-
-def test_masses_at_points_are_a_body() -> None:
-    """Parameters are sums over the points, in Pinocchio's order, and J is positive definite."""
-    rng = np.random.default_rng(0)
-    masses, places = rng.uniform(0.1, 1.0, 6), rng.normal(0.1, 0.3, (6, 3))
-    body = sum((pin.Inertia(m, r, np.zeros((3, 3))) for m, r in zip(masses, places)),
-               start=pin.Inertia.Zero())
-    parameters = body.toDynamicParameters()
-    matrix = pseudo_inertia(parameters)
-    ones = np.column_stack((places, np.ones(6)))
-    np.testing.assert_allclose(matrix, np.einsum('k,ki,kj->ij', masses, ones, ones), atol=1e-14)
-    np.testing.assert_allclose(parameters_of(matrix), parameters, atol=1e-14)
-
-
-LOWER = '<inertia ixx="0.05" iyy="0.05" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
-
-
-def lower(inertia: str, mass: str = '1.5') -> str:
-    """Return the two-link arm with another inertia of its second link."""
-    changed = two_links().replace(LOWER, inertia).replace(
-        '<mass value="1.5"/>', f'<mass value="{mass}"/>')
-    assert changed != two_links() or inertia == LOWER
-    return changed
-
-
-def test_robots() -> None:
-    """Sound ones have no fault; the UR5 carries a box without mass."""
-    assert inertia_faults(two_links(), ('a', 'b')) == inertia_faults(panda(), PANDA) == []
-    assert inertia_faults(lower(LOWER.replace('0.01', '0.1')), ('a', 'b')) == []  # Flat.
-    assert inertia_faults(ur5(), UR5) == ['link ee_link moves and has a shape, but no mass']
-
-
-@pytest.mark.parametrize(('text', 'words'), [
-    (lower(LOWER.replace('ixx="0.05"', 'ixx="-0.05"')), 'none may be negative'),
-    (lower(LOWER.replace('ixy="0"', 'ixy="0.06"')), 'none may be negative'),
-    (lower(LOWER.replace('izz="0.01"', 'izz="0.102"')), 'or exceed the sum of the others'),
-    (lower(LOWER, '0'), 'a shape, but no mass'),
-    (two_links().replace('<link name="tool"/>', '<link name="tool"><visual/></link>'),
-     'link tool moves and has a shape, but no inertia')])
-def test_faults(text: str, words: str) -> None:
-    (fault,) = inertia_faults(text, ('a', 'b'))
-    assert words in fault
-
-
-def test_what_does_not_move_may_have_any_inertia() -> None:
-    """The base, and what is before the first joint of the model; a frame has no shape."""
-    text = urdf([link('base', 1.0, inertia=(1.0, 1.0, 9.0)), link('arm', 1.0, (0.1, 0, 0)),
-                 link('tip', 1.0, (0.1, 0, 0), (1.0, 1.0, 9.0)), '<link name="frame"/>',
-                 joint('j', 'revolute', 'base', 'arm'), joint('k', 'revolute', 'arm', 'tip'),
-                 joint('f', 'fixed', 'tip', 'frame')])
-    assert [x.split()[1] for x in inertia_faults(text, ('j', 'k'))] == ['tip']
-    assert [x.split()[1] for x in inertia_faults(text, ('k',))] == ['tip']
-    assert inertia_faults(text, ()) == []

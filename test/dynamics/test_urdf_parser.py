@@ -102,30 +102,6 @@ def test_friction_and_damping() -> None:
     assert (joints['a'].friction, joints['a'].damping) == (0.0, 0.0)
 
 
-def test_tags_of_other_programs_are_left_alone() -> None:
-    """As urdfdom does, with a prefix that nothing declares, and with macros left over."""
-    robot = two_links().replace('</robot>', (
-        '<gazebo><sensor:camera name="rgb"><imageSize>1</imageSize></sensor:camera></gazebo>'
-        '<xacro:grey/><xacro:grey/><xacro:pelvis_sensors port="1"/></robot>'))
-    assert Tree(robot).movable == ('a', 'b')
-    assert Tree(robot).unexpanded == ('xacro:grey', 'xacro:pelvis_sensors')
-    declared = robot.replace('<robot', '<robot xmlns:xacro="http://ros.org/wiki/xacro"')
-    assert Tree(declared).unexpanded == Tree(robot).unexpanded
-    assert Tree(two_links()).unexpanded == ()
-    drake = two_links().replace('<robot', '<robot xmlns="http://drake.mit.edu"')
-    assert Tree(drake).movable == ('a', 'b')
-
-
-@pytest.mark.parametrize('command', [
-    'include filename="x"/', 'macro name="x"/', 'property name="x" value="1"/', 'arg name="x"/',
-    'if value="1"/', 'unless value="0"/', 'insert_block name="x"/'])
-def test_what_xacro_has_not_run_on_is_refused_with_the_line(command: str) -> None:
-    text = two_links().replace('</robot>', f'\n<xacro:{command}>\n</robot>')
-    name = command.split()[0].rstrip('/')
-    with pytest.raises(CtcError, match=f'line 2: <xacro:{name}>.* run xacro on it first'):
-        Tree(text)
-
-
 def test_a_joint_that_mimics_a_joint_that_mimics_goes_with_both() -> None:
     third = joint('f3', 'prismatic', 'right', 'thumb', more='<mimic joint="f2" multiplier="3"/>')
     tree = Tree(grip().replace('</robot>', f'{link("thumb")}{third}</robot>'))

@@ -15,7 +15,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.dynamics.corrected_urdf import with_payload
+from ctc_chattering.dynamics.payload import with_payload
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.dynamics.urdf_parser import Tree

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where the bodies of an arm are, against Pinocchio and by hand; what is drawn and seen."""
+"""Shapes of an arm, what is drawn of them, and what cameras see."""
 
 from __future__ import annotations
 
@@ -42,31 +42,14 @@ import trimesh
 #: Of both links of the paper's arm [m].
 LENGTH = 0.51 / 0.63
 DESCRIPTION = 'package://example-robot-data/robots/panda_description/urdf/panda.urdf'
-SLIDE = """<robot name="slide"><link name="base"/><link name="car"/><link name="pole"/>
-<joint name="rail" type="prismatic"><parent link="base"/><child link="car"/>
-<origin xyz="0 0 1"/><axis xyz="0 2 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/>
-</joint>
-<joint name="pivot" type="continuous"><parent link="car"/><child link="pole"/>
-<origin xyz="0.5 0 0" rpy="0 0 1.5707963267948966"/><axis xyz="1 0 0"/></joint></robot>"""
 
 
-def test_every_body_is_where_pinocchio_has_it() -> None:
-    urdf = read_description(DESCRIPTION)
-    model = pin.buildModelFromXML(urdf)
-    data = model.createData()
-    names = [x for x in model.names if x != 'universe' and 'finger' not in x]
-    skeleton = shapes.urdf_skeleton(urdf, names)
+def test_a_rotation_is_drawn_with_its_quaternion() -> None:
     rng = np.random.default_rng(1)
-    for _ in range(5):
-        q = np.zeros(model.nq)
-        q[:len(names)] = rng.uniform(-3.0, 3.0, len(names))
-        pin.framesForwardKinematics(model, data, q)
-        for body, pose in zip(skeleton.bodies, skeleton.poses(q)):
-            frame = data.oMf[model.getFrameId(body.name, pin.BODY)]
-            assert pose == pytest.approx(frame.homogeneous, abs=1e-12)
-            w, x, y, z = shapes.quaternion(pose[:3, :3])
-            assert pin.Quaternion(w, x, y, z).matrix() == pytest.approx(
-                pose[:3, :3], abs=1e-12)
+    for rotation in (pin.Quaternion(x / np.linalg.norm(x)).matrix()
+                     for x in rng.normal(size=(5, 4))):
+        w, x, y, z = shapes.quaternion(rotation)
+        assert pin.Quaternion(w, x, y, z).matrix() == pytest.approx(rotation, abs=1e-12)
 
 
 def test_two_links_stand_where_their_angles_say() -> None:
@@ -79,16 +62,6 @@ def test_two_links_stand_where_their_angles_say() -> None:
     end = skeleton.poses((q1, q2))[2] @ [0.0, 0.0, -LENGTH, 1.0]
     assert end[:3] - elbow == pytest.approx(
         [LENGTH * np.sin(q1 + q2), 0.0, -LENGTH * np.cos(q1 + q2)])
-
-
-def test_prismatic_joints_axes_and_locked_joints() -> None:
-    car, pole = shapes.urdf_skeleton(SLIDE, ('rail', 'pivot')).poses((0.25, np.pi / 2))[1:]
-    assert car[:3, 3] == pytest.approx([0.0, 0.25, 1.0])  # the axis has length 1
-    assert pole[:3, 3] == pytest.approx([0.5, 0.25, 1.0])
-    assert pole[:3, 1] == pytest.approx([0.0, 0.0, 1.0])
-    locked = shapes.urdf_skeleton(SLIDE, ('pivot',), {'rail': -0.5})
-    assert locked.poses((0.0,))[1][:3, 3] == pytest.approx([0.0, -0.5, 1.0])
-    assert locked.bodies[1].joint == -1
 
 
 def test_a_model_without_description_has_no_shape() -> None:

@@ -27,8 +27,8 @@ import xml.etree.ElementTree as ElementTree
 from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.compiled.compilable import some
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.dynamics.corrected_urdf import with_payload
 from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.payload import with_payload
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector

@@ -125,6 +125,27 @@ def mobile_manipulator() -> str:
           for i in (1, 2))])
 
 
+def branching_arm() -> str:
+    """Return a robot with two arms, a slide, skew axes, a fixed joint and one to be locked."""
+    skew = '0.6 0 0.8'
+    return urdf([
+        link('base', 9.0, inertia=(1.0, 1.0, 1.0)),
+        link('trunk', 4.0, (0.1, 0.2, 0.3), (0.3, 0.2, 0.4)),
+        link('left', 2.0, (0.0, 0.1, 0.2), (0.05, 0.04, 0.03)),
+        link('slide', 1.0, (0.1, 0.0, 0.3), (0.01, 0.02, 0.03)),
+        link('right', 1.5, (0.2, -0.1, 0.1), (0.02, 0.03, 0.04)),
+        link('tool', 0.7, (0.0, 0.0, 0.2), (0.01, 0.01, 0.02)),
+        link('wrist', 0.5, (0.0, 0.05, 0.1), (0.004, 0.005, 0.006)),
+        joint('turn', 'continuous', 'base', 'trunk', skew, '0.1 0 0.5', rpy='0.3 0.2 -0.4'),
+        joint('shoulder', 'revolute', 'trunk', 'left', '0 1 0', '0 0.2 0.4', rpy='1 0 0.5'),
+        joint('lift', 'prismatic', 'left', 'slide', '-0.6 0.8 0', '0 0 0.3', rpy='0 0.7 0',
+              more='<dynamics damping="0" rotor_inertia="0.4"/>'),
+        joint('other', 'revolute', 'trunk', 'right', '1 0 0', '0 -0.2 0.4', rpy='0.2 0.1 0',
+              more='<dynamics damping="0" rotor_inertia="0.2"/>'),
+        joint('bent', 'revolute', 'right', 'wrist', '0 0 1', '0 0 0.2', rpy='0.4 0 0'),
+        joint('held', 'fixed', 'wrist', 'tool', xyz='0 0 0.1', more='', rpy='0 0.3 0')])
+
+
 def heavier_links(description: str, joints: Sequence[str], factor: float = 2.0
                   ) -> list[tuple[str, str]]:
     """

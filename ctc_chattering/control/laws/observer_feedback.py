@@ -30,8 +30,8 @@ the metric of M⁻¹, τ is within R (T + h) of the torque of the drives: beyond
 The measured velocity is used at the first sample only. P̂ is kept at a joint that comes to rest.
 
 Drives that differ from the configured ones make the feedback oscillate. `OscillationGuard` then
-gives the bandwidths of feedback, P̂, deviation and learning a factor s, and P̂ the bound √s Ka. The
-feedback keeps 10 rad/s of its bandwidth::
+gives the bandwidths of feedback, P̂, deviation and learning a factor s, and P̂ the bound √s Ka.
+The feedback keeps 10 rad/s of its bandwidth::
 
     f = M (k Kv (dq_r - dq̂) + k² Kp (q_r - q̂)),     k = max(s, 10 / √Kp_ii), at most 1     (OF5)
 

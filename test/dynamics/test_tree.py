@@ -1,0 +1,72 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The dynamics of a tree of bodies in loops that compile, against numpy and Pinocchio."""
+
+from __future__ import annotations
+
+from ctc_chattering.dynamics import tree
+from ctc_chattering.dynamics.compiled_model import arm_of
+from ctc_chattering.dynamics.urdf_model import UrdfModel
+import numpy as np
+import pytest
+from urdfs import branching_arm, PANDA, panda
+
+BRANCHES = ('lift', 'other', 'turn', 'shoulder')
+
+
+def test_products_are_those_of_numpy() -> None:
+    x, y, z = np.random.default_rng(1).normal(size=(3, 3))
+    assert tree.product(x, y) == pytest.approx(x @ y)
+    assert tree.add_product(2.0, x, y) == pytest.approx(2.0 + x @ y)
+    assert [tree.cross(x, y, a) for a in range(3)] == pytest.approx(np.cross(x, y))
+    assert [tree.add_cross(z[a], x, y, a) for a in range(3)] == pytest.approx(z + np.cross(x, y))
+    point = [[tree.point_inertia(2.0, x, a, b) for b in range(3)] for a in range(3)]
+    np.testing.assert_allclose(point, 2.0 * (x @ x * np.eye(3) - np.outer(x, x)), atol=1e-14)
+
+
+def test_newton_and_euler_give_the_sum_of_coriolis_and_gravity() -> None:
+    arm = arm_of(UrdfModel(panda(), PANDA))
+    assert arm is not None
+    s = tree.body_scratch(7)
+    q, dq = np.random.default_rng(2).uniform(-2.0, 2.0, (2, 7))
+    G, bias = np.zeros((2, 7))
+    tree.evaluate(arm, q, dq, s, s.M, s.C, G)
+    M = s.M.copy()
+    tree.place(arm, q, s)
+    tree.weigh(arm, s)
+    tree.move(arm, dq, s)
+    tree.bias(arm, s, dq, bias)
+    tree.mass_matrix(arm, s, s.M)
+    np.testing.assert_allclose(bias, s.C @ dq + G, rtol=0, atol=1e-11)
+    np.testing.assert_array_equal(s.M, M)
+
+
+def test_joints_that_do_not_carry_each_other_have_0_whatever_the_last_arm_had() -> None:
+    s = tree.body_scratch(4)
+    branching = UrdfModel(branching_arm(), BRANCHES, 3.7, {'bent': 0.6})
+    q, dq = np.random.default_rng(6).uniform(-2.0, 2.0, (2, 4))
+    G = np.zeros(4)
+    alone = np.zeros((4, 4))
+    for model in (UrdfModel(panda(), PANDA[:4]), branching):
+        arm = arm_of(model)
+        assert arm is not None
+        tree.evaluate(arm, q, dq, s, s.M, s.C, G)
+        tree.place(arm, q, s)
+        tree.weigh(arm, s)
+        tree.mass_matrix(arm, s, alone)
+    M, C, _ = branching.evaluate(q, dq)
+    assert M[0, 1] == C[0, 1] == 0.0
+    for matrix, expected in ((s.M, M), (s.C, C), (alone, M)):
+        np.testing.assert_allclose(matrix, expected, rtol=0, atol=1e-12 * np.abs(M).max())
