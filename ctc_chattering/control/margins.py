@@ -125,7 +125,7 @@ class Loops:
 
     @property
     def joints_are_equal(self) -> bool:
-        """True if one joint stands for all, so that eigenvalues of M̂ M⁻¹ decide."""
+        """Return whether one joint stands for all, so that eigenvalues of M̂ M⁻¹ decide."""
         return self.masses[0].shape == (1, 1)
 
     @cached_property

@@ -62,7 +62,7 @@ class Chattering(NamedTuple):
 
     @property
     def estimates(self) -> bool:
-        """True if the switching has an estimate."""
+        """Return whether the switching has an estimate."""
         return self.switching.estimates
 
     def initial(self) -> Perturbation:
