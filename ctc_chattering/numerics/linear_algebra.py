@@ -15,8 +15,8 @@
 """
 Types of arrays, and the H∞ norm of a sampled system.
 
-All folders annotate their arrays with these types. `runs/stability.py` bounds with the norm how
-much a loop tolerates.
+All folders annotate their arrays with these types. `margins/loop_margins.py` bounds with
+the norm how much a loop tolerates.
 """
 
 from __future__ import annotations

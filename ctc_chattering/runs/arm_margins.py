@@ -15,7 +15,7 @@
 """
 Rotors and masses with which the sampled loop of an arm is stable, as tables and for new gains.
 
-`ctc stability` and `ctc new-robot` print them. `control/margins.py` computes them.
+`ctc stability` and `ctc new-robot` print them. `margins/inertia_margins.py` computes them.
 """
 
 from __future__ import annotations
@@ -32,9 +32,10 @@ from ctc_chattering.configuration.arm_knowledge import (
 )
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.new_robot import NewRobot
-from ctc_chattering.control.margins import ArmInertia, ArmMargins, StableRange
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.urdf_model import UrdfModel
+from ctc_chattering.margins.inertia_margins import ArmInertia, ArmMargins
+from ctc_chattering.margins.loop_margins import StableRange
 from ctc_chattering.runs.stability import loops_of, masses_of, range_text
 import numpy as np
 

@@ -15,8 +15,8 @@
 """
 Stability margins of the loop of a parameter file, and their table.
 
-`ctc stability` prints it. `control/margins.py` computes the margins from the loops that `loops_of`
-forms of a setup.
+`ctc stability` prints it. `margins/loop_margins.py` computes the margins from the loops that
+`loops_of` forms of a setup.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ import math
 from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.linear_law import linear_law, LinearLaw
-from ctc_chattering.control.margins import (
+from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.errors import CtcError
+from ctc_chattering.margins.linear_law import linear_law, LinearLaw
+from ctc_chattering.margins.loop_margins import (
     Loops,
     Margins,
     RATIOS,
     StableRange,
 )
-from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.parameters import matrix

@@ -33,9 +33,9 @@ import pytest
 ROOT = Path(ctc_chattering.__file__).parent
 #: Each imports only what stands before it.
 ORDER = ('errors', 'input_files', 'output_files', 'parameters', 'compiled', 'numerics',
-         'dynamics', 'trajectory', 'control', 'controller', 'simulation', 'configuration',
-         'analysis', 'c_export', 'ros', 'bags', 'nodes', 'launch', 'runs', 'identification',
-         'live', 'cli')
+         'dynamics', 'trajectory', 'control', 'margins', 'controller', 'simulation',
+         'configuration', 'analysis', 'c_export', 'ros', 'bags', 'nodes', 'launch', 'runs',
+         'identification', 'live', 'cli')
 FOLDERS = ORDER[ORDER.index('compiled'):]
 #: These know nothing of ROS.
 NUMERIC = (*ORDER[:ORDER.index('ros')], 'identification')

@@ -30,8 +30,8 @@ from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.new_robot import new_robot, NewRobot
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import Controller
-from ctc_chattering.control.linear_law import Frozen
 from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.margins.linear_law import Frozen
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.runs.arm_margins import arm_margins, with_stable_gains
 from ctc_chattering.runs.recommended import desired_points

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.linear_law import Frozen, linear_law
+from ctc_chattering.margins.linear_law import Frozen, linear_law
 import numpy as np
 import pytest
 

@@ -1,0 +1,271 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""
+A control law as a linear system, from differences of its own code.
+
+`runs/stability.py` calls `linear_law` with a configuration, and `loop_margins.py` closes the loop.
+A `Controller` runs with a model of constant M̂, without C and G, in a steady motion of 1 rad/s:
+friction has one sign there, and nothing is at rest. Central differences of its step give, for
+deviations of its whole memory::
+
+    x⁺ = A x + B y,     τ = C x + D y,     y = (q, dq)                                    (LL1)
+
+Differences of two sizes must agree, which they do not for a law that is not linear there. States
+that y does not reach, or that do not reach τ, are left out.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from ctc_chattering.compiled.compilable import RECORDS
+from ctc_chattering.compiled.records import load, packed
+from ctc_chattering.control.controller import Controller
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.sample import TRANSIT_ROWS
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.linear_algebra import Array, Flags, Rows, Vector
+from ctc_chattering.trajectory.buffer import Point
+import numpy as np
+
+#: Size of the differences [rad].
+_DIFFERENCE = 1e-9
+#: Another size, with which they must agree [rad].
+_LARGER_DIFFERENCE = 1e-8
+#: Below this fraction of its largest value, a difference is rounding.
+_ROUNDING = 1e-8
+#: Samples after which nothing shows the start, without a delay.
+_SETTLING_SAMPLES = 4
+
+
+class LinearLaw(NamedTuple):
+    """A law near a steady motion, (LL1), with m states."""
+
+    #: Shape (m, m).
+    A: Array
+    #: Shape (m, 2 n).
+    B: Array
+    #: Shape (n, m).
+    C: Array
+    #: Shape (n, 2 n).
+    D: Array
+
+    def response(self) -> Array:
+        """Sum the torques in ten samples after y, shape (n, 2 n)."""
+        state = self.B
+        delayed = 0.0 * self.D
+        for _ in range(9):
+            delayed = delayed + self.C @ state
+            state = self.A @ state
+        return self.D + delayed
+
+    def one_joint(self) -> LinearLaw:
+        """Return the first of joints that are independent and equal."""
+        columns = np.array([0, len(self.D)])
+        B = self.B[:, columns]
+        reached = _reach(self.A, B)
+        return LinearLaw(
+            self.A[np.ix_(reached, reached)],
+            B[reached],
+            self.C[:1, reached],
+            self.D[:1, columns])
+
+
+def _reach(A: Array, B: Array) -> Flags:
+    """Return the states that B reaches, also through A, shape (m,)."""
+    reached: Flags = np.array(B.any(axis=1))
+    for _ in A:
+        reached = reached | A[:, reached].any(axis=1)
+    return reached
+
+
+class Frozen(Model):
+    """
+    A robot with a constant M, without C and G.
+
+    Parameters
+    ----------
+    mass : array, shape (n, n)
+        M [kg·m²].
+
+    """
+
+    def __init__(self, mass: Array) -> None:
+        self.n = len(mass)
+        self._mass = mass.tolist()
+
+    def mass_matrix(self, q: Vector) -> Rows:  # noqa: ARG002
+        """Return M, shape (n, n)."""
+        return list(self._mass)
+
+    def coriolis_matrix(self, q: Vector, dq: Vector) -> Rows:  # noqa: ARG002
+        """Return 0, shape (n, n)."""
+        return [[0.0] * self.n] * self.n
+
+    def gravity_torque(self, q: Vector) -> Vector:  # noqa: ARG002
+        """Return 0, shape (n,)."""
+        return [0.0] * self.n
+
+    def potential_energy(self, q: Vector) -> float:  # noqa: ARG002
+        """Return 0."""
+        return 0.0
+
+
+def linear_law(config: ControllerConfig, mass: Array) -> LinearLaw:
+    """
+    Return the law of a configuration as a linear system.
+
+    Parameters
+    ----------
+    config : ControllerConfig
+        Law, gains, and the assumed drives. Limits do not matter. Friction as it is configured and
+        learned is not linear but bounded by Ka, and is left out.
+    mass : array, shape (n, n)
+        M̂ of the controller [kg·m²].
+
+    Raises
+    ------
+    CtcError
+        If the law is not linear near a steady motion.
+
+    """
+    motion = _SteadyMotion(_without_limits(config), mass)
+    scale = motion.sensitivity()
+    change = motion.differences(_DIFFERENCE, scale)
+    larger = motion.differences(_LARGER_DIFFERENCE, scale)
+    if not np.abs(change - larger).max() <= 1e-3 * np.abs(change).max():
+        name = f'{config.law} {config.switching_in_force}'.strip()
+        raise CtcError(
+            f'law {name} is not linear near a steady motion; its stability is not computed')
+    return _minimal(change, scale, motion.states)
+
+
+def _without_limits(config: ControllerConfig) -> ControllerConfig:
+    """Return a configuration without limits, friction and model errors."""
+    changes: dict[str, object] = {
+        'effort_limit': np.inf,
+        'effort_rate_limit': np.inf,
+        'error_limit': np.inf,
+        'inertia_scale': 1.0,
+        'gravity_scale': 1.0,
+        'compiled': False,
+    }
+    for name in ('friction_level', 'friction_learning'):
+        if config.takes(name):
+            changes[name] = 0.0
+    return config.changed(changes)
+
+
+class _SteadyMotion:
+    """The control step at a sample of the motion, as a function of the memory."""
+
+    def __init__(self, config: ControllerConfig, mass: Array) -> None:
+        self._controller = controller = Controller(config, Frozen(mass))
+        self._period = controller.settings.period
+        self._zeros = np.zeros(len(mass))
+        self._ones = np.ones(len(mass))
+        delay = config.input_delay
+        for k in range(-_SETTLING_SAMPLES - 2 * delay, 0):
+            points = self._points(k)
+            q, dq, _ = points[0]
+            self._answer(q, dq, points)
+        memories = controller.memories
+        if type(memories.law) not in RECORDS:
+            raise CtcError(f'law {config.law}: its memory is not marked by @record; its stability '
+                           'is not computed')
+        self._layout = packed(memories).dtype
+        memory = self._memory()
+        #: Number of values in the memory.
+        self.states = len(memory)
+        self._values = np.concatenate([memory, self._zeros, self._ones])
+
+    def _points(self, k: int) -> list[Point]:
+        """Return the reference for sample `k` and those of the delay."""
+        points: list[Point] = []
+        for j in range(self._controller.config.input_delay + 1):
+            q_d = (k + j) * self._period * self._ones
+            points.append((q_d, self._ones, self._zeros))  # type: ignore[arg-type]
+        return points
+
+    def _memory(self) -> Array:
+        """Return the memories with the torques in transit in order."""
+        controller = self._controller
+        memories = controller.memories
+        transit_index = int(memories.control.transit_index)
+        transit = np.roll(controller.transit, -TRANSIT_ROWS * transit_index, axis=0)
+        control = memories.control._replace(transit_index=0.0)
+        record = packed(memories._replace(control=control))
+        return np.concatenate([np.frombuffer(record.tobytes()), transit.ravel()])
+
+    def _step(self, values: Array) -> Array:
+        """Return the memory a period later and τ, for memory and y."""
+        controller = self._controller
+        ends = self._layout.itemsize // 8, self.states
+        record, transit, y = np.split(values, ends)
+        controller.transit[:] = transit.reshape(controller.transit.shape)
+        controller.memories = load(np.frombuffer(record.tobytes(), self._layout)[0])
+        q, dq = np.split(y, 2)
+        tau = self._answer(q, dq, self._points(0))
+        return np.concatenate([self._memory(), tau])
+
+    def _answer(self, q: Any, dq: Any, points: list[Point]) -> Vector:
+        """Return the torque for a state and the reference."""
+        return self._controller.step(q, dq, *points[0], points[1:]).tau
+
+    def sensitivity(self) -> Array:
+        """
+        Return how far noise moves memory and y, shape (m + 2 n,).
+
+        The noise is 1 of q and 1 / h of dq. The result is 0 for values that it does not reach.
+        """
+        m = self.states
+        rng = np.random.default_rng(0)
+        noise = np.concatenate([self._ones, self._ones / self._period])
+        undisturbed = self._step(self._values)[:m]
+        deviation = largest = np.zeros(m)
+        for _ in range(64):
+            y = _DIFFERENCE * noise * rng.standard_normal(len(noise))
+            disturbed = self._values + np.concatenate([deviation, y])
+            deviation = self._step(disturbed)[:m] - undisturbed
+            largest = np.maximum(largest, np.abs(deviation) / _DIFFERENCE)
+        rounding = _ROUNDING * np.maximum(np.abs(self._values[:m]), 1.0)
+        return np.concatenate([np.where(largest > rounding, largest, 0.0), noise])
+
+    def differences(self, size: float, scale: Array) -> Array:
+        """Return changes of memory and τ for 1 `scale`, shape (m + n, m + 2 n)."""
+        m = self.states
+        values = self._values
+        change = np.zeros((m + len(self._zeros), len(values)))
+        for k in np.flatnonzero(scale):
+            d = np.zeros(len(values))
+            d[k] = size * scale[k]
+            difference = self._step(values + d) - self._step(values - d)
+            change[:, k] = difference / (2.0 * size)
+        change[:m] /= np.where(scale, scale, np.inf)[:m, np.newaxis]
+        return change
+
+
+def _minimal(change: Array, scale: Array, m: int) -> LinearLaw:
+    """Return the part that y reaches and that reaches τ, with y unscaled."""
+    largest = np.abs(change).max(axis=1, keepdims=True, initial=1e-300)
+    change = np.where(np.abs(change) > _ROUNDING * largest, change, 0.0)
+    A = change[:m, :m]
+    B = change[:m, m:] / scale[m:]
+    C = change[m:, :m]
+    D = change[m:, m:] / scale[m:]
+    is_kept = _reach(A.T, C.T) & (scale[:m] > 0.0)
+    return LinearLaw(A[np.ix_(is_kept, is_kept)], B[is_kept], C[:, is_kept], D)

@@ -1,0 +1,253 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""
+Stability margins of a sampled loop of a linear law, drives and a robot of constant M.
+
+`runs/stability.py` forms `Loops` of a parameter file and prints their `Margins`. The laws come
+from `linear_law.py`. A loop is stable for the eigenvalues ρ of M̂ M⁻¹ in an interval.
+docs/theory.md has the loop (XL2), and the small-gain theorem (MG1) for errors that vary.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import dataclasses
+from functools import cached_property
+from typing import NamedTuple
+
+from ctc_chattering.dynamics.drive_response import discretize_drives
+from ctc_chattering.margins.linear_law import LinearLaw
+from ctc_chattering.numerics.linear_algebra import Array, peak_gain
+import numpy as np
+from scipy.optimize import bisect, minimize_scalar  # type: ignore[import-untyped]
+
+#: Eigenvalues of M̂ M⁻¹, and factors of rotors or masses, that are examined.
+RATIO_GRID = np.geomspace(0.01, 100.0, 200)
+#: Ratios M̂ M⁻¹ for which tolerated lags and delays are computed.
+RATIOS = (1.0, 0.8, 1.25)
+#: Centres c of (MG1) with which the search begins.
+_CENTRES = np.geomspace(0.4, 2.5, 20)
+#: s of (XL2). Its value has little influence.
+_SCALE = 3.0
+#: Delays beyond that of the loop that are examined [samples].
+_MORE_DELAYS = 20
+
+
+class StableRange(NamedTuple):
+    """An interval in which a loop is stable."""
+
+    low: float
+    high: float
+
+
+def stable_range(radius: Callable[[float], float], start: float, grid: Array
+                 ) -> StableRange | None:
+    """
+    Return the range around `start` with a radius below 1.
+
+    It is within a rising grid. None if it is empty.
+    """
+    if not radius(start) < 1.0:
+        return None
+    low = _last_stable(radius, start, np.flip(grid[grid < start]))
+    high = _last_stable(radius, start, grid[grid > start])
+    return StableRange(low, high)
+
+
+def _last_stable(radius: Callable[[float], float], start: float, side: Array) -> float:
+    """Return the end of the range on one side of `start`."""
+    inside = start
+    for x in side.tolist():
+        if not radius(x) < 1.0:
+            return float(bisect(lambda y: radius(y) - 1.0, inside, x))
+        inside = x
+    return inside
+
+
+class SampledLoop(NamedTuple):
+    """The loop of (XL2): state⁺ = A state + B w, z = C state."""
+
+    #: Shape (m, m).
+    A: Array
+    #: Shape (m, 2 n).
+    B: Array
+    #: Shape (2 n, m).
+    C: Array
+
+    def closed(self, ratio: float) -> Array:
+        """Return the matrix for M̂ = `ratio` M, shape (m, m)."""
+        return self.A + ratio * self.B @ self.C
+
+
+class Margins(NamedTuple):
+    """
+    Margins of a loop.
+
+    Attributes
+    ----------
+    radius : float
+        Largest absolute value of a pole, for M̂ = M.
+    ratios, guaranteed : StableRange or None
+        Of the eigenvalues of M̂ M⁻¹, constant; varying.
+    lags, delays : sequence
+        For each of `RATIOS`: true lags [s], true delays in samples.
+
+    """
+
+    radius: float
+    ratios: StableRange | None
+    guaranteed: StableRange | None
+    lags: tuple[StableRange | None, ...]
+    delays: tuple[tuple[int, ...], ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Loops:
+    """
+    The loops of a law with a robot, one for each M̂ of its motion.
+
+    Attributes
+    ----------
+    laws : sequence of LinearLaw
+        With each M̂.
+    masses : sequence of array, shape (n, n)
+        As many M̂ [kg·m²].
+    period : float
+        h [s].
+    lag : array, shape (n,)
+        True T of the drives [s].
+    delay : int
+        Their true delay in samples.
+    differenced : bool
+        Whether the velocity is the difference of positions; exact otherwise.
+
+    """
+
+    laws: Sequence[LinearLaw]
+    masses: Sequence[Array]
+    period: float
+    lag: Array
+    delay: int
+    differenced: bool
+
+    @property
+    def joints_are_equal(self) -> bool:
+        """Equality of the joints: eigenvalues of M̂ M⁻¹ decide for one."""
+        return self.masses[0].shape == (1, 1)
+
+    @cached_property
+    def sampled(self) -> list[SampledLoop]:
+        """Loops of all M̂."""
+        return [self._close(law, mass) for law, mass in zip(self.laws, self.masses)]
+
+    def _close(self, law: LinearLaw, mass: Array) -> SampledLoop:
+        """Return the loop of a law and a robot with M̂ = `mass`, shape (n, n)."""
+        n = len(mass)
+        h = self.period
+        # Rows of an identity: the state, which is q, dq, torque of the drives, torques in
+        # transit, last q and the memory of the law.
+        sizes = [n, n, n, self.delay * n, n if self.differenced else 0, len(law.A)]
+        identity = np.eye(sum(sizes))
+        q, dq, torque, transit, last_q, memory = np.split(identity, np.cumsum(sizes)[:-1])
+        y = np.vstack([q, (q - last_q) / h if self.differenced else dq])
+        sent = law.C @ memory + law.D @ y
+        commands = np.vstack([transit, sent])
+        command = commands[:n]
+
+        drives = discretize_drives(self.lag, np.full(n, np.inf), h)
+        gap = torque - command
+        mean = command + drives.mean[:, np.newaxis] * gap
+        weighted = command + drives.weighted[:, np.newaxis] * gap
+        A = np.vstack([
+            q + h * dq,
+            dq,
+            command + drives.decay[:, np.newaxis] * gap,
+            commands[n:],
+            q[:len(last_q)],
+            law.A @ memory + law.B @ y])
+
+        values, vectors = np.linalg.eigh(mass)
+        root = vectors / np.sqrt(values) @ vectors.T
+        B = np.zeros((len(A), 2 * n))
+        B[:n, :n] = B[:n, n:] = 0.5 * h * h * root
+        B[n:2 * n, :n] = h * root
+        C = np.vstack([root @ mean, root @ (weighted - mean)])
+        scale = np.repeat([1.0, _SCALE], n)
+        return SampledLoop(A, B / scale, scale[:, np.newaxis] * C)
+
+    def radius(self, ratio: float = 1.0) -> float:
+        """Return the largest absolute value of a pole for M̂ = `ratio` M."""
+        poles = [np.linalg.eigvals(loop.closed(ratio)) for loop in self.sampled]
+        return float(np.abs(poles).max())
+
+    def ratios(self) -> StableRange | None:
+        """Return the eigenvalues of M̂ M⁻¹ around 1 with stable poles."""
+        return stable_range(self.radius, 1.0, RATIO_GRID)
+
+    def guaranteed(self) -> StableRange | None:
+        """Return the interval of (MG1) whose nearer end is farthest from 1."""
+
+        def interval(c: float) -> StableRange:
+            if not self.radius(c) < 1.0:
+                return StableRange(c, c)
+            gain = max(peak_gain(loop.closed(c), loop.B, loop.C) for loop in self.sampled)
+            return StableRange(c - 1.0 / gain, c + 1.0 / gain)
+
+        def nearer_end(c: float) -> float:
+            """Return the factor from 1 to the nearer end, below 1 if 1 is outside."""
+            low, high = interval(c)
+            return min(high, 1.0 / max(low, 1e-9))
+
+        best = int(np.argmax(list(map(nearer_end, _CENTRES))))
+        lower = _CENTRES[max(best - 1, 0)]
+        upper = _CENTRES[min(best + 1, len(_CENTRES) - 1)]
+        result = minimize_scalar(
+            lambda c: -nearer_end(c),
+            bounds=(lower, upper),
+            method='bounded',
+            options={'xatol': 1e-4})
+        return interval(float(result.x)) if result.fun < -1.0 else None
+
+    def lags(self, ratio: float = 1.0) -> StableRange | None:
+        """
+        Return the true lags with stable poles [s]; None if there is none.
+
+        They are around the robot's lag, or around the shortest stable one.
+        """
+        def radius(lag: float) -> float:
+            return dataclasses.replace(self, lag=np.full_like(self.lag, lag)).radius(ratio)
+
+        lag = float(self.lag.max())
+        lateness = lag + self.period * (1 + self.delay)
+        grid = np.linspace(0.0, 20.0 * lateness, 200)
+        candidates = (lag, *grid.tolist())
+        start = next((x for x in candidates if radius(x) < 1.0), lag)
+        return stable_range(radius, start, grid)
+
+    def delays(self, ratio: float = 1.0) -> tuple[int, ...]:
+        """Return the true delays with stable poles [samples]."""
+        return tuple(
+            delay for delay in range(self.delay + _MORE_DELAYS)
+            if dataclasses.replace(self, delay=delay).radius(ratio) < 1.0)
+
+    def margins(self) -> Margins:
+        """Compute all margins."""
+        return Margins(
+            self.radius(),
+            self.ratios(),
+            self.guaranteed(),
+            tuple(map(self.lags, RATIOS)),
+            tuple(map(self.delays, RATIOS)))
