@@ -80,7 +80,9 @@ class ControlRecords(NamedTuple):
 
 class CompiledStep(Program):
     """
-    The step of a controller between two changes of its settings, as machine code.
+    The step of a controller as machine code.
+
+    It lasts until the next change of settings.
 
     Parameters
     ----------
@@ -125,7 +127,7 @@ class CompiledStep(Program):
         store(self.records.memories, memories)
 
     def step(self, rows: Array, irregularity: SampleIrregularity) -> list[list[float]]:
-        """Go on by a sample, and return its `ControlOutput`, shape (8, n)."""
+        """Return the `ControlOutput` of a sample, shape (8, n)."""
         self.records.measured[:], self.points[:] = rows[:2], rows[2:]
         if irregularity is not self._irregularity:
             self._irregularity = irregularity

@@ -59,7 +59,9 @@ __all__ = ['Controller', 'ControllerConfig', 'Sample']
 
 class Sample(NamedTuple):
     """
-    Result of one control step, in lists of n floats.
+    Result of one control step.
+
+    Its fields are lists of n floats.
 
     e, de and v belong to the measured state, the terms to the torque. Under an input delay the
     torque is for the state predicted over it.
@@ -95,7 +97,7 @@ class Sample(NamedTuple):
 
 class Phase(Enum):
     """
-    Phase of a controller, which says how its next step begins.
+    Phase of a controller: how its next step begins.
 
     `reset` leads to a start, a step to `RUNNING`. Another law leads from `RUNNING` to `HANDOVER`,
     and the same law back.
@@ -112,7 +114,7 @@ class Phase(Enum):
 
 
 class ReplacedLaw(NamedTuple):
-    """The law before a hand-over, with its name and memory."""
+    """The law before a hand-over."""
 
     name: str
     law: Law
@@ -190,8 +192,9 @@ class Controller:
     def __init__(self, config: ControllerConfig, model: Model | None = None) -> None:
         unscaled = model or model_of(config)
         if unscaled.n != len(config.joint_names):
-            raise CtcError(f'joint_names: {list(config.joint_names)} are not allowed with a model '
-                           f'of {unscaled.n} joints')
+            raise CtcError(
+                f'joint_names: {list(config.joint_names)} are not allowed with a model '
+                f'of {unscaled.n} joints')
         scales = config.inertia_scale, config.gravity_scale
         self.model = unscaled if scales == (1.0, 1.0) else Scaled(unscaled, *scales)
         self.continuous = config.which_are_continuous(unscaled.continuous)
@@ -211,13 +214,13 @@ class Controller:
         self.settings = ControlSettings.from_config(config, self.model.effort_limits)
 
     def check(self, config: ControllerConfig) -> None:
-        """Raise `CtcError` if the law of a configuration cannot be made."""
+        """Raise `CtcError` if a law cannot be made."""
         with as_ctc_error(f'the law {config.law} cannot be made'):
             self._make_law(config).initial()
 
     def configure(self, config: ControllerConfig) -> None:
         """
-        Use other gains or another law from the next step on.
+        Use other gains or another law from now on.
 
         The filter state ξ is preserved, so that v has no step (unless b itself changes). The same
         law keeps integrals and estimates. Another one takes over (`control.handover`).
@@ -236,7 +239,9 @@ class Controller:
 
     def reset(self, bumpless: bool = False, held: Vector | None = None) -> None:
         """
-        Start again with no estimate, no torque in transit and ξ = 0.
+        Start again.
+
+        There is no estimate then, no torque in transit, and ξ = 0.
 
         Parameters
         ----------
@@ -246,14 +251,23 @@ class Controller:
             Torque that is still held, from which `effort_rate_limit` goes on. The default is 0.
 
         """
+        if not isinstance(bumpless, (bool, np.bool_)):
+            raise ParameterError('bumpless', bumpless, 'true or false')
         zero = np.zeros(self.model.n)
         tau = zero if held is None else vector('held', held, self.model.n)
         self.transit[:] = 0.0
         self._phase = Phase.BUMPLESS_START if bumpless else Phase.START
-        self._replaced, self._stamp, self._offset = None, None, 0
-        self.memories = Memories(
-            ControlMemory(zero, tau, zero, float(-self.config.input_delay), 0.0),
-            self.law.initial(), LastSample(zero, zero, zero))
+        self._replaced = None
+        self._stamp = None
+        self._offset = 0
+        control = ControlMemory(
+            xi=zero,
+            held=tau,
+            handover_offset=zero,
+            handover_samples_left=float(-self.config.input_delay),
+            transit_index=0.0)
+        last = LastSample(zero, zero, zero)
+        self.memories = Memories(control, self.law.initial(), last)
 
     @property
     def memories(self) -> Memories:
@@ -267,22 +281,24 @@ class Controller:
         self._memories, self._stepper, self._predicted = memories, None, []
 
     def _make_stepper(self) -> PlainStep | CompiledStep:
-        compiled = self.compiled_step()
-        self._stepper = (compiled if compiled is not None and compiled.compiled else PlainStep(
-            self.settings, self.law, self._memories, self.transit, self.model))
-        return self._stepper
+        stepper: PlainStep | CompiledStep | None = self.compiled_step()
+        if stepper is None or not stepper.compiled:
+            stepper = PlainStep(
+                self.settings, self.law, self._memories, self.transit, self.model)
+        self._stepper = stepper
+        return stepper
 
     def compiled_step(self) -> CompiledStep | None:
-        """Return the next step for machine code, or None where there can be none."""
+        """Return the next step for machine code, if possible."""
         if isinstance(self._stepper, CompiledStep):
             return self._stepper
-        arm = self.arm
-        return None if arm is None else CompiledStep(
-            self.settings, self.law, self.memories, self.transit, arm)
+        if self.arm is None:
+            return None
+        return CompiledStep(self.settings, self.law, self.memories, self.transit, self.arm)
 
     @property
     def arm(self) -> ArmNumbers | None:
-        """Return the numbers of the model; None if it or the law cannot be machine code."""
+        """Return the numbers of a compilable model and law."""
         return self._arm if type(self.memories.law) in RECORDS else None
 
     @property
@@ -297,18 +313,24 @@ class Controller:
 
     @property
     def stability(self) -> Stability:
-        """Return the stability of the loop, as the law sees it."""
+        """Return the stability that the law reports."""
         return self.law.stability(self.memories.law)
 
     def _begin(self, rows: Array) -> None:
-        """Begin as the phase says, at the sample of `rows`."""
+        """Begin as the phase says."""
         memories = self.memories
         if self._phase is Phase.BUMPLESS_START:
             xi = self.settings.filter.b * (rows[3] - rows[1])
             self.memories = memories._replace(control=memories.control._replace(xi=xi))
         elif self._replaced:
-            self.memories = take_over(self.settings, self._replaced.law, self._replaced.memory,
-                                      self.law, memories, self.model, rows)
+            self.memories = take_over(
+                self.settings,
+                self._replaced.law,
+                self._replaced.memory,
+                self.law,
+                memories,
+                self.model,
+                rows)
         self._phase, self._replaced = Phase.RUNNING, None
 
     def step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
@@ -361,7 +383,11 @@ class Controller:
         return sample
 
     def instant(self, t: int) -> int:
-        """Return the instant at which `step` takes a state of stamp `t` [ns]."""
+        """
+        Return the instant at which `step` takes a state.
+
+        The stamp of the state is `t` [ns].
+        """
         return t - self._locate(t)[1]
 
     def _locate(self, t: int) -> tuple[int, int]:
@@ -372,7 +398,7 @@ class Controller:
 
     @property
     def predicted_periods(self) -> int:
-        """Return how many periods since the last state were answered."""
+        """Return the number of periods answered without a state."""
         return len(self._predicted)
 
     def predicted_step(self, q_d: Vector, dq_d: Vector, ddq_d: Vector,
@@ -400,7 +426,7 @@ class Controller:
         return sample
 
     def _predict(self, rows: Array, reference_offset: int, keeps_torque: bool) -> Sample:
-        """Go on by a period without a state, with an offset of the reference [ns]."""
+        """Go on by a period without a state."""
         if not self._predicted:
             self._snapshot = self.memories, self.transit.copy()
         sample = self._step(rows, missing_state(reference_offset, keeps_torque))
@@ -409,7 +435,7 @@ class Controller:
 
     def _merge(self, missed: int, rows: Array, irregularity: SampleIrregularity) -> Sample:
         """
-        Compute the predicted periods again with the state of one of them.
+        Compute predicted periods again with a measured state.
 
         Parameters
         ----------
@@ -445,17 +471,22 @@ class Controller:
 
     def _rows(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
               ahead: Sequence[Point]) -> Array:
-        """Return q, dq and all points as rows, shape (5 + 3 d, n), or raise `CtcError`."""
-        delay, vectors = self.config.input_delay, (q, dq, q_d, dq_d, ddq_d)
+        """
+        Return q, dq and all points as rows.
+
+        Their shape is (5 + 3 d, n). Other input raises `CtcError`.
+        """
+        delay = self.config.input_delay
+        vectors = q, dq, q_d, dq_d, ddq_d
         try:
             rows = np.array((*vectors, *islice(chain.from_iterable(ahead), 3 * delay)), float)
             if rows.shape == (5 + 3 * delay, self.model.n):
                 return rows
         except (TypeError, ValueError, OverflowError):
             pass
+        allowed = (f'{self.model.n} numbers each, and {delay} points ahead, as input_delay says')
         raise CtcError(str(ParameterError(
-            'q, dq, q_d, dq_d, ddq_d, ahead', (*vectors, ahead), f'{self.model.n} numbers each, '
-            f'and {delay} points ahead, as input_delay says')))
+            'q, dq, q_d, dq_d, ddq_d, ahead', (*vectors, ahead), allowed)))
 
     def try_step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
                  ahead: Sequence[Point] = (), t: int | None = None, at: int | None = None,
@@ -469,7 +500,7 @@ class Controller:
 
     @staticmethod
     def _finite(step: Callable[..., Sample], *arguments: Any) -> Sample | None:
-        """Return the sample of a step, or None where it leaves the range of numbers."""
+        """Return the sample of a step, if it is finite."""
         try:
             sample = step(*arguments)
         except (ArithmeticError, ValueError, np.linalg.LinAlgError):  # 1 / 0, sin(inf)
@@ -477,8 +508,8 @@ class Controller:
         return sample if isfinite(sum(sample.tau) + sum(sample.v)) else None
 
     def lyapunov(self, q: Vector, v: Vector) -> float:
-        """Return V = ½ vᵀ M(q) v of equation (9) [J]."""
-        n = self.model.n
-        position, error = vector('q', q, n), vector('v', v, n)
+        """Return V = ½ vᵀ M v of (9) [J]."""
+        position = vector('q', q, self.model.n)
+        error = vector('v', v, self.model.n)
         mass = np.array(self.model.mass_matrix(position.tolist()))
         return 0.5 * float(error @ mass @ error)

@@ -27,10 +27,12 @@ from ctc_chattering.control.laws.registry import (
     SWITCHINGS,
     takes,
 )
+from ctc_chattering.dynamics.drive_response import discretize_drives, DriveModel
 from ctc_chattering.dynamics.registry import RobotConfig
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.parameters import LEAST, Parameter, parameter
+import numpy as np
 
 #: Lag of drives of which it is not known [s]: too much costs little, too little much.
 ASSUMED_LAG = 3e-3
@@ -38,7 +40,11 @@ ASSUMED_LAG = 3e-3
 
 @dataclasses.dataclass(frozen=True)
 class ControllerConfig(RobotConfig):
-    """Parameters of the laws (`laws` says which takes which), of filter (3) and of the limits."""
+    """
+    Parameters of the laws, of filter (3) and of the limits.
+
+    `laws` says which law takes which.
+    """
 
     law: str = parameter('chattering', 'Control law: docs/laws.md.', choices=LAWS, custom=True)
     kp: tuple[float, ...] = parameter(
@@ -116,18 +122,22 @@ class ControllerConfig(RobotConfig):
     @classmethod
     @cache
     def parameters(cls) -> dict[str, Parameter]:
-        """Return the declared parameters by name, with the laws that take them."""
+        """Return the parameters by name, with their laws."""
         takers = laws_by_parameter()
-        return {name: dataclasses.replace(spec, laws=takers.get(name, ()))
-                for name, spec in super().parameters().items()}
+        specs = {}
+        for name, spec in super().parameters().items():
+            specs[name] = dataclasses.replace(spec, laws=takers.get(name, ()))
+        return specs
 
     def takes(self, name: str) -> bool:
-        """Return whether the law in force takes the parameter `name`."""
+        """Return whether the law takes a parameter."""
         return takes(self.law, name)
 
     def largest_torque(self, of_model: Vector) -> tuple[float, ...]:
         """
-        Return the largest torque sent, shape (n,) [N·m]; inf for unlimited.
+        Return the largest torque sent, shape (n,) [N·m].
+
+        It is inf where nothing limits it.
 
         Parameters
         ----------
@@ -145,21 +155,27 @@ class ControllerConfig(RobotConfig):
         if len(limits) != n or not all(limit > 0.0 for limit in limits):
             raise ParameterError(
                 'effort_limits of the model', tuple(limits), f'{n} numbers > 0, or none')
-        return tuple(a if a < inf else b for a, b in zip(self.effort_limit, limits))
+        return tuple(own if own < inf else described
+                     for own, described in zip(self.effort_limit, limits))
 
     @property
     def known_lag(self) -> tuple[float, ...]:
-        """Return the lag of the drives where it is known, and 0 elsewhere, shape (n,) [s]."""
+        """Return the lag of the drives [s], 0 if unknown."""
         return tuple(x if x < inf else 0.0 for x in self.actuator_lag)
 
     @property
     def assumed_lag(self) -> tuple[float, ...]:
-        """Return the lag of the drives, `ASSUMED_LAG` where it is not known, shape (n,) [s]."""
+        """Return the lag of the drives [s], `ASSUMED_LAG` if unknown."""
         return tuple(ASSUMED_LAG if x == inf else x for x in self.actuator_lag)
+
+    def assumed_drives(self, period: float) -> DriveModel:
+        """Return the model of the drives that laws assume, for a period [s]."""
+        lag = np.array(self.assumed_lag)
+        return discretize_drives(lag, np.array(self.torque_rate_limit), period)
 
     @property
     def law_parameters(self) -> tuple[str, ...]:
-        """Return the parameters that the law in force declares as its own."""
+        """Return the parameters that the law declares."""
         return law_class(self.law).parameters or ()
 
     @property

@@ -33,7 +33,7 @@ from ctc_chattering.numerics.linear_algebra import Array
 @function
 def predict_arrival(law: Any, law_memory: Any, now: State, context: Context) -> State:
     """
-    Return the state in which this sample's torque is applied.
+    Return the state at the arrival of the torque.
 
     Without a delay that is `now`.
 
@@ -47,10 +47,12 @@ def predict_arrival(law: Any, law_memory: Any, now: State, context: Context) -> 
         Of the sample.
 
     """
-    settings, model = context.settings, context.models.arriving
+    settings = context.settings
+    model = context.models.arriving
     if settings.delay == 0.0:
         return now
-    state, xi = now, context.memory.xi
+    state = now
+    xi = context.memory.xi
     perturbation = law.acting(law_memory, now)
     modified = context.torque_is_modified()
     for j in range(int(settings.delay)):
@@ -67,9 +69,12 @@ def predict_arrival(law: Any, law_memory: Any, now: State, context: Context) -> 
 
 @function
 def exchange_torque(transit: Array, row: int, sent: Applied) -> Applied:
-    """Return the torque in transit at `row`, and put `sent` in its place."""
-    applied = Applied(1.0 * transit[row], 1.0 * transit[row + 1], 1.0 * transit[row + 2],
-                      1.0 * transit[row + 3])
+    """Replace a torque in transit, and return it."""
+    applied = Applied(
+        1.0 * transit[row],
+        1.0 * transit[row + 1],
+        1.0 * transit[row + 2],
+        1.0 * transit[row + 3])
     transit[row] = sent.tau
     transit[row + 1] = sent.saturation_error
     transit[row + 2] = sent.excess

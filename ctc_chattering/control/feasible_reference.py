@@ -51,6 +51,7 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import every, function, record, solve, some, Truths
 from ctc_chattering.control.sample import Desired
+from ctc_chattering.numerics.box_qp import clip
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -62,7 +63,7 @@ _TINY = 1e-12
 
 @record
 class Deviation(NamedTuple):
-    """x and dx of (FR3), each of shape (n,) [rad, rad/s]."""
+    """x and dx of (FR3) [rad, rad/s]."""
 
     x: Array
     dx: Array
@@ -92,19 +93,21 @@ class FeasibleReference(NamedTuple):
     relief: Array
 
     def slow_down(self, factor: float) -> FeasibleReference:
-        """Return the same with this factor on the largest w."""
+        """Return a copy with a factor on w."""
         return self._replace(fastest=factor * self.fastest)
 
     def feed_forward(self, point: Desired, level: Array, ahead: float = 0.0) -> Array:
-        """Return F of (FR1), shape (n,) [N·m], at `ahead` [s] after a point."""
+        """Return F of (FR1) [N·m], `ahead` of a point [s]."""
         T = np.maximum(level / self.rate, 1e-6)  # A shorter ramp is a step.
-        dq = point.dq + (0.67 * T + ahead) * point.ddq
-        return level * ramp(dq / np.maximum(np.abs(point.ddq) * T, _TINY))
+        lead = 0.67 * T + ahead
+        dq = point.dq + lead * point.ddq
+        half_width = np.maximum(np.abs(point.ddq) * T, _TINY)
+        return level * ramp(dq / half_width)
 
     def advance(self, point: Desired, deviation: Deviation, recovery: Array, inertia: Array,
                 level: Array) -> Deviation:
         """
-        Return the deviation a period after a point, by (FR3).
+        Return the deviation a period later, by (FR3).
 
         Parameters
         ----------
@@ -120,27 +123,33 @@ class FeasibleReference(NamedTuple):
         """
         h = self.period
         F = self.feed_forward(point, level, 0.5 * h)
-        holding = inertia * ((point.dq + deviation.dx) / h + point.ddq + recovery) + F
-        f = np.minimum(np.maximum(holding, -level), level)
-        ddx = np.where(reference_stands(point), 0.0, (F - f) / inertia) + recovery
-        return Deviation(deviation.x + h * (deviation.dx + 0.5 * h * ddx), deviation.dx + h * ddx)
+        dq = point.dq + deviation.dx
+        holding = inertia * (dq / h + point.ddq + recovery) + F
+        f = clip(holding, -level, level)
+        pushed = np.where(reference_stands(point), 0.0, (F - f) / inertia)
+        ddx = pushed + recovery
+        mean_dx = deviation.dx + 0.5 * h * ddx
+        return Deviation(deviation.x + h * mean_dx, deviation.dx + h * ddx)
 
     def relieve(self, deviation: Deviation, shortfall: Array, mass: Array) -> Deviation:
-        """Return the deviation after (FR5), for a torque that falls short [N·m]."""
+        """Return the deviation after (FR5), for a shortfall [N·m]."""
         slack = 10e-3 * self.rate
-        excess = shortfall - np.minimum(np.maximum(shortfall, -slack), slack)
+        excess = shortfall - clip(shortfall, -slack, slack)
         if not some(excess):
             return deviation
-        return deviation._replace(dx=deviation.dx - solve(mass, excess) / self.relief)
+        relief = solve(mass, excess) / self.relief
+        return deviation._replace(dx=deviation.dx - relief)
 
     def compute_recovery(self, deviation: Deviation, inertia: Array, level: Array) -> Array:
-        """Return -2 w dx - w² x of (FR3), shape (n,) [rad/s²]."""
+        """Return -2 w dx - w² x of (FR3)."""
+        x = deviation.x
+        dx = deviation.dx
         jerk = 0.5 * self.rate / inertia
-        w = np.minimum(
-            np.minimum(self.fastest, 0.55 * self.rate / np.maximum(level, _TINY)),
-            np.minimum(np.cbrt(jerk / np.maximum(np.abs(deviation.x), _TINY)),
-                       np.sqrt(jerk / np.maximum(np.abs(deviation.dx), _TINY))))
-        return -w * (2.0 * deviation.dx + w * deviation.x)
+        of_ramp = 0.55 * self.rate / np.maximum(level, _TINY)
+        of_x = np.cbrt(jerk / np.maximum(np.abs(x), _TINY))
+        of_dx = np.sqrt(jerk / np.maximum(np.abs(dx), _TINY))
+        w = np.minimum(np.minimum(self.fastest, of_ramp), np.minimum(of_x, of_dx))
+        return -w * (2.0 * dx + w * x)
 
 
 @function
@@ -165,9 +174,17 @@ def design_reference(kp: Array, kv: Array, rate: Array, lag: Array, period: floa
 
 @function
 def next_point(point: Desired, step: Array, h: float) -> Desired:
-    """Return the point a period h [s] later, while ddq_d changes by `step` [rad/s²]."""
-    return Desired(point.q + h * (point.dq + h * (0.5 * point.ddq + step / 6.0)),
-                   point.dq + h * (point.ddq + 0.5 * step), point.ddq + step)
+    """
+    Return the point a period h [s] later.
+
+    Meanwhile ddq_d changes by `step` [rad/s²].
+    """
+    mean_dq = point.dq + h * (0.5 * point.ddq + step / 6.0)
+    mean_ddq = point.ddq + 0.5 * step
+    return Desired(
+        point.q + h * mean_dq,
+        point.dq + h * mean_ddq,
+        point.ddq + step)
 
 
 @function
@@ -179,8 +196,10 @@ def reference_stands(point: Desired) -> Truths:
 @function
 def ramp(s: Array) -> Array:
     """Return φ of (FR2)."""
-    size, top = np.abs(s), 1.0 + OVERSHOOT
+    size = np.abs(s)
+    top = 1.0 + OVERSHOOT
     if every(size >= 1.0 + 2.0 * OVERSHOOT):
         return np.sign(s)
-    phi: Array = np.sign(s) * np.where(size <= top, size, np.maximum(2.0 * top - size, 1.0))
+    way_back = np.maximum(2.0 * top - size, 1.0)
+    phi: Array = np.sign(s) * np.where(size <= top, size, way_back)
     return phi

@@ -62,7 +62,7 @@ class ErrorFilter(NamedTuple):
     feedthrough: float
 
     def output(self, de: Array, xi: Array) -> Array:
-        """Return v, shape (n,) [rad/s], at the velocity error `de` and the state ξ."""
+        """Return v [rad/s] for the velocity error and ξ."""
         return xi - self.b * de
 
     def next_state(self, xi: Array, de: Array, u: Array) -> Array:
@@ -83,7 +83,9 @@ class ErrorFilter(NamedTuple):
 
     def nominal_response(self, v: Array, u: Array) -> Array:
         """
-        Return y = a v + (b h - c) u, shape (n,) [rad/s].
+        Return y, the next v without an error.
+
+        It is a v + (b h - c) u, shape (n,) [rad/s].
 
         That is v of the next sample if dde + Kv de + Kp e were 0. The second term is of the order
         of h².
@@ -92,7 +94,7 @@ class ErrorFilter(NamedTuple):
 
     def correction(self, mass: Array, excess: Array) -> Array:
         """
-        Return the correction of ξ by anti-windup, shape (n,) [rad/s].
+        Return the correction of ξ by anti-windup [rad/s].
 
         Over a period the torque `excess` that was not applied changes v by -b h M⁻¹ `excess`.
         The correction cancels that: v stays what it would be without limits.
@@ -101,6 +103,13 @@ class ErrorFilter(NamedTuple):
 
 
 def design_filter(pole: float, b: float, period: float) -> ErrorFilter:
-    """Return the filter with λ [1/s], b and the sample period h [s]."""
+    """Return the filter with λ [1/s], b and h [s]."""
     gain = -b * expm1(-pole * period) / pole
-    return ErrorFilter(pole, b, exp(-pole * period), gain, b * period, b * period - gain)
+    scale = b * period
+    return ErrorFilter(
+        pole,
+        b,
+        decay=exp(-pole * period),
+        gain=gain,
+        scale=scale,
+        feedthrough=scale - gain)

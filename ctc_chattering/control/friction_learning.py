@@ -39,7 +39,7 @@ import numpy as np
 @record
 class LearnedFriction(NamedTuple):
     """
-    Friction of every joint as learned so far, each (n,).
+    Friction of every joint as learned so far.
 
     Attributes
     ----------
@@ -84,11 +84,15 @@ class FrictionLearner(NamedTuple):
     bound: Array
 
     def slow_down(self, factor: float) -> FrictionLearner:
-        """Return the same with this factor on the bandwidth ω."""
+        """Return a copy with a factor on ω."""
         return self._replace(lag_gain=factor * self.lag_gain)
 
     def learn(self, last: LearnedFriction, dq: Array, perturbation: Array) -> LearnedFriction:
-        """Return the friction level updated with one sample of dq̂ [rad/s] and P̂ [N·m]."""
+        """
+        Return the friction level updated with one sample.
+
+        It takes dq̂ [rad/s] and P̂ [N·m].
+        """
         if self.gain == 0.0:
             return last
         sign = np.where(np.abs(dq) > 2e-3, np.sign(dq), 0.0)  # Slower, the sign may be noise.
@@ -97,12 +101,20 @@ class FrictionLearner(NamedTuple):
         lag3 = last.lag3 + self.lag_gain * (lag2 - last.lag3)
         slow_sign = last.slow_sign + self.slow_gain * (lag3 - last.slow_sign)
         slow_estimate = last.slow_estimate + self.slow_gain * (perturbation - last.slow_estimate)
-        level = last.level + self.gain * (lag3 - slow_sign) * (perturbation - slow_estimate)
-        return LearnedFriction(np.minimum(np.maximum(level, 0.0), self.bound), lag1, lag2, lag3,
-                               slow_sign, slow_estimate)
+        phi = lag3 - slow_sign
+        level = last.level + self.gain * phi * (perturbation - slow_estimate)
+        level = np.minimum(np.maximum(level, 0.0), self.bound)
+        return LearnedFriction(level, lag1, lag2, lag3, slow_sign, slow_estimate)
 
 
 def design_learner(gain: float, bandwidth: float, period: float, bound: Array) -> FrictionLearner:
-    """Return the learner with γ [1/s], ω [rad/s], h [s] and Ka, shape (n,) [N·m]."""
-    return FrictionLearner(gain * period, 1.0 - exp(-bandwidth * period),
-                           1.0 - exp(-60.0 * period), bound)
+    """
+    Return the learner for its gains.
+
+    They are γ [1/s], ω [rad/s], h [s] and Ka, shape (n,) [N·m].
+    """
+    return FrictionLearner(
+        gain=gain * period,
+        lag_gain=1.0 - exp(-bandwidth * period),
+        slow_gain=1.0 - exp(-60.0 * period),
+        bound=bound)

@@ -37,7 +37,7 @@ from ctc_chattering.numerics.linear_algebra import Array
 def take_over(settings: ControlSettings, old: Any, old_memory: Any, new: Any, memories: Memories,
               model: Model, rows: Array) -> Memories:
     """
-    Return the memories with which a law goes on after another one.
+    Return the memories with which a law takes over.
 
     Parameters
     ----------
@@ -55,10 +55,12 @@ def take_over(settings: ControlSettings, old: Any, old_memory: Any, new: Any, me
         Measured q, dq and desired q, dq, ddq of the sample to come, and more.
 
     """
-    control, law_memory = memories.control, memories.law
+    control = memories.control
+    law_memory = memories.law
     if new.acts_on_v and not old.acts_on_v:
         control = control._replace(xi=settings.filter.b * (rows[3] - rows[1]))
-    now = evaluate_state(settings, model, rows[0], rows[1], Desired(*rows[2:5]), control.xi)
+    q, dq = rows[:2]
+    now = evaluate_state(settings, model, q, dq, Desired(*rows[2:5]), control.xi)
     if not (old.of_the_paper and new.of_the_paper):
         control = control._replace(handover_samples_left=settings.handover_samples)
     if old.estimates:
@@ -68,7 +70,7 @@ def take_over(settings: ControlSettings, old: Any, old_memory: Any, new: Any, me
 
 @function
 def handover_offset(settings: ControlSettings, memory: ControlMemory, torque: Array) -> Array:
-    """Return the torque step hidden at the hand-over, shape (n,) [N·m]."""
+    """Return the torque step hidden at the hand-over."""
     if memory.handover_samples_left == settings.handover_samples:
         return memory.held - torque
     return memory.handover_offset

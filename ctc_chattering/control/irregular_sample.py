@@ -88,17 +88,19 @@ def locate_sample(h: int, offset: int, elapsed: int) -> tuple[int, int]:
     if since <= 0 or periods > MAX_MISSED_PERIODS + 1:
         return 0, 0
     largest = h * 9 // 20
-    return periods - 1, min(max(since - periods * h, -largest), largest)
+    new_offset = min(max(since - periods * h, -largest), largest)
+    return periods - 1, new_offset
 
 
 @function
 def state_at_sample(law: Any, law_memory: Any, last: LastSample, context: Context,
                     irregularity: SampleIrregularity, q: Array, dq: Array
                     ) -> tuple[Array, Array]:
-    """Return q and dq of an irregular sample, predicted or by (LS1)."""
+    """Return q and dq, predicted or by (LS1)."""
     next_q, next_dq = law.predicted_state(law_memory, last, context)
     if irregularity.is_measured == 0.0:
         return next_q, next_dq
     offset = irregularity.offset
     a = (next_dq - last.dq) / context.settings.period
-    return q - offset * (next_dq + 0.5 * offset * a), dq - offset * a
+    mean_dq = next_dq + 0.5 * offset * a
+    return q - offset * mean_dq, dq - offset * a

@@ -64,7 +64,7 @@ import numpy as np
 @record
 class Observed(NamedTuple):
     """
-    Observed state of robot and drives, each of shape (n,).
+    Observed state of robot and drives.
 
     Attributes
     ----------
@@ -108,7 +108,11 @@ class StateObserver(NamedTuple):
     jerk: float
 
     def slow_down(self, factor: float) -> StateObserver:
-        """Return the same with this factor on the bandwidth of P̂, and its root on the bound."""
+        """
+        Return a copy with a factor on its bandwidth.
+
+        The bandwidth is that of P̂. The root of the factor multiplies the bound.
+        """
         return self._replace(bound=np.sqrt(factor) * self.bound, force=factor * self.force,
                              jerk=factor * factor * self.jerk)
 
@@ -132,26 +136,31 @@ class StateObserver(NamedTuple):
         h = self.drives.period
         drive = self.drives.follow(state.torque, command)
         load = drive.mean - (bias + state.perturbation + 0.5 * h * state.slope)
-        _, dq_over_h = nearest_and_motion(mass, dot(mass, state.dq) / h + load, level)
+        holding = dot(mass, state.dq) / h + load
+        _, dq_over_h = nearest_and_motion(mass, holding, level)
         dq = h * dq_over_h
         q = state.q + 0.5 * h * (state.dq + dq)
         asymmetry = drive.weighted - drive.mean + h / 6.0 * state.slope
         if some(asymmetry):
             q = q + 0.5 * h * h * solve(mass, asymmetry)
-        return Observed(q, dq, drive.end, state.perturbation + h * state.slope, state.slope)
+        perturbation = state.perturbation + h * state.slope
+        return Observed(q, dq, drive.end, perturbation, state.slope)
 
     def correct(self, state: Observed, mass: Array, q: Array) -> Observed:
-        """Return the state corrected with the measured position q, (n,) [rad] (SO2)."""
+        """Return the state corrected with the measured q (SO2)."""
         error = q - state.q
         load = dot(mass, error)
         perturbation = nearest(mass, state.perturbation - self.force * load, self.bound)
         slope = state.slope - self.jerk * load
         at_bound = np.abs(perturbation) >= self.bound
         if some(at_bound):
-            slope = np.where(at_bound & (slope * perturbation > 0.0), 0.0, slope)
-        return state._replace(q=state.q + self.position * error,
-                              dq=state.dq + self.velocity * error,
-                              perturbation=perturbation, slope=slope)
+            leads_out = slope * perturbation > 0.0
+            slope = np.where(at_bound & leads_out, 0.0, slope)
+        return state._replace(
+            q=state.q + self.position * error,
+            dq=state.dq + self.velocity * error,
+            perturbation=perturbation,
+            slope=slope)
 
 
 def design_observer(drives: DriveModel, bandwidth: float, bound: Array, slope: bool = True
@@ -171,13 +180,21 @@ def design_observer(drives: DriveModel, bandwidth: float, bound: Array, slope: b
         Have the slope Ṗ̂ as a state (SO2), or without it (SO3).
 
     """
-    h, pole = drives.period, exp(-bandwidth * drives.period)
+    h = drives.period
+    pole = exp(-bandwidth * h)
     rate = 1.0 - pole
     if not slope:
         return StateObserver(
-            drives, bound, position=1.0 - pole ** 3,
-            velocity=1.5 * rate ** 2 * (1.0 + pole) / h, force=rate ** 3 / h ** 2, jerk=0.0)
+            drives,
+            bound,
+            position=1.0 - pole ** 3,
+            velocity=1.5 * rate ** 2 * (1.0 + pole) / h,
+            force=rate ** 3 / h ** 2,
+            jerk=0.0)
     return StateObserver(
-        drives, bound, position=1.0 - pole ** 4,
+        drives,
+        bound,
+        position=1.0 - pole ** 4,
         velocity=rate ** 2 * (11.0 + 14.0 * pole + 11.0 * pole ** 2) / (6.0 * h),
-        force=2.0 * rate ** 3 * (1.0 + pole) / h ** 2, jerk=rate ** 4 / h ** 3)
+        force=2.0 * rate ** 3 * (1.0 + pole) / h ** 2,
+        jerk=rate ** 4 / h ** 3)

@@ -105,7 +105,7 @@ class Oscillation(NamedTuple):
 @record
 class OscillationGuard(NamedTuple):
     """
-    Computes the fraction s of its bandwidth that a loop may use.
+    Guard that computes s, the bandwidth's usable fraction.
 
     Attributes
     ----------
@@ -132,7 +132,9 @@ class OscillationGuard(NamedTuple):
     def update_oscillation(self, last: Oscillation, feedback: Array, missing: Array
                            ) -> Oscillation:
         """
-        Return the oscillation after a sample, by (OG1) and (OG2).
+        Return the oscillation after a sample.
+
+        Equations (OG1) and (OG2) describe it.
 
         Parameters
         ----------
@@ -142,17 +144,23 @@ class OscillationGuard(NamedTuple):
             f, and the torque that the law knows the drives not to give [N·m].
 
         """
-        h, size, peak = self.period, np.abs(feedback), self.wave_decay * np.abs(last.extreme)
-        turned = np.sign(feedback) * last.extreme < 0.0
-        extreme = np.where(turned | (size > peak), feedback, self.wave_decay * last.extreme)
-        f1 = np.where(turned, peak, self.wave_decay * last.last)
-        f2 = self.wave_decay * np.where(turned, last.last, last.second_last)
+        h = self.period
+        decay = self.wave_decay
+        size = np.abs(feedback)
+        sign = np.sign(feedback)
+        peak = decay * np.abs(last.extreme)
+        turned = sign * last.extreme < 0.0
+        extreme = np.where(turned | (size > peak), feedback, decay * last.extreme)
+        f1 = np.where(turned, peak, decay * last.last)
+        f2 = decay * np.where(turned, last.last, last.second_last)
 
-        believed = np.sign(feedback) * np.maximum(size - np.abs(missing), 0.0)
+        believed = sign * np.maximum(size - np.abs(missing), 0.0)
         slow = last.slow + exp(last.retreat) * self.slow_gain * (believed - last.slow)
         waves = np.minimum(size, np.minimum(f1, f2)) / self.sustained
-        r = np.maximum(np.abs(believed - slow) / (self.believed + np.abs(slow)), waves).max()
-        retreat = self.retreat_decay * last.retreat - RETREAT_RATE_RAD_S * h * max(r - 0.5, 0.0)
+        fast = np.abs(believed - slow) / (self.believed + np.abs(slow))
+        r = np.maximum(fast, waves).max()
+        excess = max(r - 0.5, 0.0)
+        retreat = self.retreat_decay * last.retreat - RETREAT_RATE_RAD_S * h * excess
 
         strained = last.strained + h
         if (size / self.bound).max() < 3.0 or retreat > _LN_STRAINED:
@@ -165,8 +173,16 @@ class OscillationGuard(NamedTuple):
         cycling = max(last.cycling + rate * h, 0.0)
         turns = np.where(turned, 0.5 / h, 0.0)
         frequency = turns + self.frequency_decay * (last.frequency - turns)
-        return Oscillation(slow, extreme, f1, f2, max(retreat, _LN_LEAST), strained, frequency,
-                           calm, cycling)
+        return Oscillation(
+            slow,
+            extreme,
+            f1,
+            f2,
+            max(retreat, _LN_LEAST),
+            strained,
+            frequency,
+            calm,
+            cycling)
 
     def find_cycling_joint(self, oscillation: Oscillation) -> int:
         """Return the joint with the largest half-waves."""
@@ -176,10 +192,19 @@ class OscillationGuard(NamedTuple):
 
 @function
 def design_guard(bound: Array, rate: Array, pole: Array, period: float) -> OscillationGuard:
-    """Return a guard for Ka [N·m], R [N·m/s], √Kp_ii [rad/s] and h [s]."""
-    bound, followed = np.maximum(bound, 1e-9), rate / pole  # A bound of 0 is no divisor.
+    """
+    Return a guard for a law and drives.
+
+    They are Ka [N·m], R [N·m/s], √Kp_ii [rad/s] and h [s].
+    """
+    bound = np.maximum(bound, 1e-9)  # A bound of 0 is no divisor.
+    followed = rate / pole
     return OscillationGuard(
-        bound=bound, believed=bound + np.where(followed < np.inf, followed, 0.0),
-        sustained=np.minimum(bound, followed), slow_gain=1.0 - exp(-30.0 * period),
-        wave_decay=exp(-10.0 * period), retreat_decay=exp(-period / 2.0),
-        frequency_decay=exp(-period / 0.25), period=period)
+        bound=bound,
+        believed=bound + np.where(followed < np.inf, followed, 0.0),
+        sustained=np.minimum(bound, followed),
+        slow_gain=1.0 - exp(-30.0 * period),
+        wave_decay=exp(-10.0 * period),
+        retreat_decay=exp(-period / 2.0),
+        frequency_decay=exp(-period / 0.25),
+        period=period)

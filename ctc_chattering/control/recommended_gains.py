@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-Recommended gains of every law, from what is known of the arm, its drives and its sensors.
+Recommended gains of every law.
+
+They follow from what is known of the arm, its drives and its sensors.
 
 A law declares its rule (`Law.gain_rule`), and every rule takes a `KnownLoop`. New robots,
 comparisons, tuning, maps and a law that is chosen without gains all take `recommended_gains`. With
@@ -63,17 +65,25 @@ BANDWIDTH_LAG = 0.3
 
 
 def lateness(lag: float, period: float, delay: int) -> float:
-    """Return T + h (1 + d) [s]: when a torque acts, including the sample it waits for."""
+    """
+    Return T + h (1 + d) [s].
+
+    After this time a torque acts, including the sample that it waits for.
+    """
     return lag + period * (1 + delay)
 
 
 def no_torque() -> None:
-    """Return None, where the torque of the model is not known and `ka` has no share for it."""
+    """
+    Return None for an unknown torque.
+
+    `ka` has no share for it then.
+    """
 
 
 class KnownLoop(NamedTuple):
     """
-    Facts about drives, sensors and an arm of n joints, from which gains follow.
+    Facts about drives, sensors and an arm.
 
     Attributes
     ----------
@@ -105,19 +115,25 @@ class KnownLoop(NamedTuple):
 
     @property
     def reversal(self) -> float:
-        """Longest time in which drives reverse half of a joint's friction, F / R [s]."""
+        """
+        Longest F / R of a joint [s].
+
+        In this time drives reverse half of its friction.
+        """
         limits = self.config.torque_rate_limit
         return max(f / r for f, r in zip(self.config.friction_level, limits))
 
     def ka_for_model_errors(self) -> tuple[float, ...]:
-        """Return ka with room for the error of the model, shape (n,) [N·m]."""
+        """Return ka with room for model errors [N·m]."""
         torque = self.torque()
-        error = 0.0 if torque is None else MODEL_ERROR * torque
-        return tuple(float(f'{x:.3g}') for x in np.add(self.config.ka, error))
+        ka = np.array(self.config.ka)
+        if torque is not None:
+            ka = ka + MODEL_ERROR * torque
+        return tuple(float(f'{x:.3g}') for x in ka)
 
 
 class GainRule:
-    """Rule by which gains of a law follow from a `KnownLoop`."""
+    """Rule for the gains of a law."""
 
     #: Whether gains of other laws do not suit the law, nor its gains them.
     is_separate = False
@@ -127,14 +143,18 @@ class GainRule:
     start_duration = 0.0
 
     def gains(self, loop: KnownLoop) -> dict[str, Any]:
-        """Return parameters of the controller; a number stands for all joints."""
+        """
+        Return parameters of the controller.
+
+        A number stands for all joints.
+        """
         raise NotImplementedError
 
 
 @dataclasses.dataclass(frozen=True)
 class PoleRule(GainRule):
     """
-    Rule by which gains follow from one pole p, (RU1).
+    Rule for gains from one pole p, (RU1).
 
     Attributes
     ----------
@@ -164,24 +184,39 @@ class PoleRule(GainRule):
 
     def gains(self, loop: KnownLoop) -> dict[str, Any]:
         """Return gains for the pole p."""
-        late, reversal = loop.lateness, loop.reversal
+        late = loop.lateness
+        reversal = loop.reversal
         p = min(self.fastest, self.speed / (late + self.reversal * reversal))
-        return {
-            'kp': self.kp * p ** 2, 'kv': self.kv * p,
-            **({'ki': self.ki * p ** 3} if self.ki else {}),
+        gains: dict[str, Any] = {
+            'kp': self.kp * p ** 2,
+            'kv': self.kv * p,
             'friction_velocity': 0.1,
             'friction_lead': min(0.1, 1.25 * late + 0.45 * reversal),
-            **{name: factor * p for name, factor in self.times_p.items()}, **self.fixed}
+        }
+        if self.ki:
+            gains['ki'] = self.ki * p ** 3
+        for name, factor in self.times_p.items():
+            gains[name] = factor * p
+        return gains | dict(self.fixed)
 
 
 class SwitchingRule(GainRule):
-    """Ka and observer of law (6), which keeps Kp and Kv, of the paper for example."""
+    """
+    Rule for Ka and observer of law (6).
+
+    Kp and Kv stay, those of the paper for example.
+    """
 
     def gains(self, loop: KnownLoop) -> dict[str, Any]:
-        """Return 1.2 times the friction, where it is known, and the observer's bandwidth."""
-        config = loop.config
-        ka = tuple(1.2 * f if f else bound for f, bound in zip(config.friction_level, config.ka))
-        return {'ka': ka, 'observer_bandwidth': observer_bandwidth(loop.lag, 200.0)}
+        """
+        Return Ka and the observer's bandwidth.
+
+        Ka is 1.2 times the friction, where it is known.
+        """
+        ka = []
+        for friction, bound in zip(loop.config.friction_level, loop.config.ka):
+            ka.append(1.2 * friction if friction else bound)
+        return {'ka': tuple(ka), 'observer_bandwidth': observer_bandwidth(loop.lag, 200.0)}
 
 
 class ObserverRule(GainRule):
@@ -190,20 +225,25 @@ class ObserverRule(GainRule):
     is_separate = True
 
     def gains(self, loop: KnownLoop) -> dict[str, Any]:
-        """Return gains for a double pole of the error, and the observer's bandwidth."""
-        pole = largest_pole(loop.lateness, loop.config.resonance)
-        return {'kp': pole ** 2, 'kv': 2.0 * pole, 'estimator_bandwidth': estimator_bandwidth(
-            pole, loop.resolution, loop.config.estimator_slope)}
+        """Return gains for a double pole, and a bandwidth."""
+        config = loop.config
+        pole = largest_pole(loop.lateness, config.resonance)
+        bandwidth = estimator_bandwidth(pole, loop.resolution, config.estimator_slope)
+        return {'kp': pole ** 2, 'kv': 2.0 * pole, 'estimator_bandwidth': bandwidth}
 
 
 def observer_bandwidth(lag: float, largest: float) -> float:
-    """Return the bandwidth of a switching's observer [rad/s] for a lag [s], within a bound."""
+    """
+    Return the bandwidth of a switching's observer.
+
+    It is for a lag [s], and within a bound [rad/s].
+    """
     return min(largest, BANDWIDTH_LAG / lag) if lag else largest
 
 
 def largest_pole(late: float, resonance: float = inf) -> float:
     """
-    Return p [rad/s] of kp = p², kv = 2 p for `ObserverRule`.
+    Return the pole p [rad/s] for `ObserverRule`.
 
     Parameters
     ----------
@@ -217,9 +257,14 @@ def largest_pole(late: float, resonance: float = inf) -> float:
 
 
 def pole_over_resonance(config: ControllerConfig) -> float:
-    """Return the fastest pole of the feedback over the lowest resonance; 0 for stiff joints."""
-    stiffness = np.diagonal(np.array(matrix(config.kp, len(config.joint_names))))
-    return float(np.sqrt(stiffness.max()) / (2.0 * pi * config.resonance))
+    """
+    Return the fastest pole over the lowest resonance.
+
+    It is 0 for stiff joints.
+    """
+    stiffness = np.diag(matrix(config.kp, len(config.joint_names)))
+    fastest = np.sqrt(stiffness.max())
+    return float(fastest / (2.0 * pi * config.resonance))
 
 
 def estimator_bandwidth(pole: float, resolution: float, has_slope: bool = True) -> float:
@@ -245,7 +290,9 @@ def estimator_bandwidth(pole: float, resolution: float, has_slope: bool = True) 
 
 def model_torque(config: ControllerConfig, model: Model) -> Array | None:
     """
-    Return the largest torque of the model that is to be expected, shape (n,) [N·m].
+    Return the largest expected torque of the model.
+
+    Its shape is (n,) [N·m].
 
     At 100 positions that are drawn, the robot is held and one joint accelerates by 20 rad/s². The
     limits of the torque bound it. None for a model of the user's that has no number at such a
@@ -263,7 +310,7 @@ def model_torque(config: ControllerConfig, model: Model) -> Array | None:
 
 
 def gain_rule(law: str) -> GainRule:
-    """Return the rule of a law; raise `CtcError` if it declares none."""
+    """Return the rule of a law, or raise `CtcError`."""
     rule: GainRule | None = law_class(law).gain_rule
     if rule is None:
         raise CtcError(f'law {law} has no recommended gains, because it declares no gain_rule; '
@@ -286,21 +333,22 @@ def recommended_gains(law: str, loop: KnownLoop) -> dict[str, Any]:
         values['ka'] = loop.ka_for_model_errors()
     # In the order of their declaration, for files and messages.
     gains = {}
+    n = len(loop.config.joint_names)
     for name, spec in loop.config.parameters().items():
         if name in values and takes(law, name):
-            gains[name] = spec.coerce(values[name], len(loop.config.joint_names))
+            gains[name] = spec.coerce(values[name], n)
     return gains
 
 
 def separate_gains(law: str) -> str:
-    """Return the law if gains of other laws do not suit it; '' if it shares them."""
+    """Return the law if it has separate gains, else ''."""
     rule = law_class(law).gain_rule
     return law if rule is not None and rule.is_separate else ''
 
 
 class GainChoice:
     """
-    Decides which gains a law takes where it is chosen without any.
+    Choice of gains for a law without any.
 
     Attributes
     ----------
@@ -315,20 +363,28 @@ class GainChoice:
         self._previous: dict[str, dict[str, Any]] = {}
 
     def suitable(self, law: str, config: ControllerConfig) -> dict[str, Any]:
-        """Return gains of a law that those of `config` do not suit, by parameter."""
+        """
+        Return gains for a law, by parameter.
+
+        Those of `config` do not suit it.
+        """
         if separate_gains(law):
             return recommended_gains(law, KnownLoop(config, self.torque))
-        declared, n = config.parameters(), len(config.joint_names)
+        declared = config.parameters()
+        n = len(config.joint_names)
         return {name: declared[name].default_for(n) for name in COMMON_GAINS}
 
     def of_law(self, law: str, config: ControllerConfig) -> dict[str, Any]:
         """
-        Return the gains that `law` takes in place of those of `config`, by parameter.
+        Return gains that replace those of `config`.
+
+        They are those of `law`, by parameter.
 
         None if both laws share gains. Else those that it had before. Else the recommended ones,
         or, for laws that share gains, the defaults of kp and kv.
         """
-        owner, previous_owner = separate_gains(law), separate_gains(config.law)
+        owner = separate_gains(law)
+        previous_owner = separate_gains(config.law)
         if owner == previous_owner:
             return {}
         values = config.as_mapping()

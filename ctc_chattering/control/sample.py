@@ -35,7 +35,7 @@ TRANSIT_ROWS = 4
 
 @record
 class Desired(NamedTuple):
-    """A point of the reference, each of shape (n,) [rad, rad/s, rad/s²]."""
+    """A point of the reference [rad, rad/s, rad/s²]."""
 
     q: Array
     dq: Array
@@ -45,7 +45,7 @@ class Desired(NamedTuple):
 @record
 class State(NamedTuple):
     """
-    A state and a reference, with all that the laws evaluate there.
+    A state and a reference, evaluated for the laws.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class State(NamedTuple):
 @record
 class Terms(NamedTuple):
     """
-    Terms of a law's torque, each of shape (n,) [N·m].
+    Terms of a law's torque, each (n,) [N·m].
 
     The torque is nominal - compensation - robust.
 
@@ -115,7 +115,7 @@ class Terms(NamedTuple):
 @record
 class Applied(NamedTuple):
     """
-    A torque that is applied, each of shape (n,) [N·m].
+    A torque that is applied, each (n,) [N·m].
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class Applied(NamedTuple):
 
 @record
 class MeasuredState(NamedTuple):
-    """Position [rad] and velocity [rad/s] with which a law computes, shape (n,)."""
+    """Position [rad] and velocity [rad/s] that a law takes."""
 
     q: Array
     dq: Array
@@ -193,7 +193,7 @@ class ControlMemory(NamedTuple):
 
 @record
 class Memories(NamedTuple):
-    """Memory of the control step and of the law, and the last sample."""
+    """Memory of step and law, and the last sample."""
 
     control: ControlMemory
     law: Any
@@ -203,7 +203,7 @@ class Memories(NamedTuple):
 @record
 class Models(NamedTuple):
     """
-    One model for three states that are evaluated side by side.
+    One model for three states side by side.
 
     Compiled code keeps M and C of each apart. In plain Python all three are the same `Model`.
 
@@ -247,18 +247,26 @@ class Context(NamedTuple):
 
     def reference_at(self, j: int) -> Desired:
         """Return the reference j periods after this sample."""
-        q, dq, ddq = self.points[3 * j], self.points[3 * j + 1], self.points[3 * j + 2]
+        q = self.points[3 * j]
+        dq = self.points[3 * j + 1]
+        ddq = self.points[3 * j + 2]
         t = self.reference_offset
         if t == 0.0:
             return Desired(q, dq, ddq)
-        return Desired(q + t * (dq + 0.5 * t * ddq), dq + t * ddq, ddq)
+        mean_dq = dq + 0.5 * t * ddq
+        return Desired(q + t * mean_dq, dq + t * ddq, ddq)
 
     def transit_row(self, j: int) -> int:
-        """Return the first row of the torque applied j periods from now."""
-        return TRANSIT_ROWS * ((int(self.memory.transit_index) + j) % int(self.settings.delay))
+        """
+        Return the first row of a torque in transit.
+
+        It is applied j periods from now.
+        """
+        index = int(self.memory.transit_index) + j
+        return TRANSIT_ROWS * (index % int(self.settings.delay))
 
     def in_transit(self, j: int) -> Array:
-        """Return the torque applied j periods from now, shape (n,) [N·m]."""
+        """Return the torque applied in j periods [N·m]."""
         torque: Array = self.transit[self.transit_row(j)]
         return torque
 
@@ -271,8 +279,9 @@ class Context(NamedTuple):
 @function
 def evaluate_state(settings: ControlSettings, model: Any, q: Array, dq: Array, desired: Desired,
                    xi: Array) -> State:
-    """Return the state for a point of the reference and ξ."""
-    e, de = desired.q - q, desired.dq - dq
+    """Return the state for a reference and ξ."""
+    e = desired.q - q
+    de = desired.dq - dq
     u = dot(settings.kv, de) + dot(settings.kp, e)
     v = settings.filter.output(de, xi)                               # (3)
     M, C, G = model.evaluate(q, dq)
@@ -284,7 +293,9 @@ def evaluate_state(settings: ControlSettings, model: Any, q: Array, dq: Array, d
 @function
 def predict_state(model: Model, state: State, torque: Array, h: float) -> tuple[Array, Array]:
     """
-    Return q and dq after one period under a held torque, by the midpoint rule.
+    Return q and dq a period later, under a torque.
+
+    The torque is held, and the method is the midpoint rule.
 
     Parameters
     ----------
@@ -298,7 +309,8 @@ def predict_state(model: Model, state: State, torque: Array, h: float) -> tuple[
         Period [s].
 
     """
-    dq_middle = state.dq + 0.5 * h * solve(state.M, torque - state.bias)
-    q_middle = state.q + 0.5 * h * state.dq
-    return (state.q + h * dq_middle,
-            state.dq + h * model.forward(q_middle, dq_middle, torque))
+    half = 0.5 * h
+    dq_middle = state.dq + half * solve(state.M, torque - state.bias)
+    q_middle = state.q + half * state.dq
+    ddq_middle = model.forward(q_middle, dq_middle, torque)
+    return state.q + h * dq_middle, state.dq + h * ddq_middle

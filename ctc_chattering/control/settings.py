@@ -22,6 +22,7 @@ from typing import NamedTuple
 from ctc_chattering.compiled.compilable import record
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.filter import design_filter, ErrorFilter
+from ctc_chattering.numerics.box_qp import clip
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.parameters import matrix
@@ -69,21 +70,31 @@ class ControlSettings(NamedTuple):
 
     @classmethod
     def from_config(cls, config: ControllerConfig, model_limits: Vector) -> ControlSettings:
-        """Return the settings of a configuration, with the model's effort limits [N·m]."""
-        n, h = len(config.joint_names), seconds(period_ns(config.control_period))
+        """
+        Return the settings of a configuration.
+
+        `model_limits` are the model's effort limits [N·m].
+        """
+        n = len(config.joint_names)
+        h = seconds(period_ns(config.control_period))
         effort_limit = np.array(config.largest_torque(model_limits))
         effort_step = h * np.array(config.effort_rate_limit)
+        least_limit = min(effort_limit.min(), effort_step.min())
         return cls(
-            period=h, delay=float(config.input_delay),
+            period=h,
+            delay=float(config.input_delay),
             handover_samples=float(max(round(HANDOVER_DURATION_S / h), 1)),
-            kp=np.array(matrix(config.kp, n)), kv=np.array(matrix(config.kv, n)),
+            kp=np.array(matrix(config.kp, n)),
+            kv=np.array(matrix(config.kv, n)),
             filter=design_filter(config.lambda_, config.b, h),
-            effort_limit=effort_limit, effort_step=effort_step,
-            limited=float(min(effort_limit.min(), effort_step.min()) < inf),
-            anti_windup=float(config.anti_windup), zero=np.zeros(n))
+            effort_limit=effort_limit,
+            effort_step=effort_step,
+            limited=float(least_limit < inf),
+            anti_windup=float(config.anti_windup),
+            zero=np.zeros(n))
 
     def limit(self, torque: Array, held: Array) -> Array:
-        """Return `torque` within the limits, after the torque `held`, shape (n,) [N·m]."""
-        step, limit = self.effort_step, self.effort_limit
-        reachable = np.minimum(np.maximum(torque, held - step), held + step)
-        return np.minimum(np.maximum(reachable, -limit), limit)
+        """Return `torque` within the limits, after `held` [N·m]."""
+        step = self.effort_step
+        reachable = clip(torque, held - step, held + step)
+        return clip(reachable, -self.effort_limit, self.effort_limit)

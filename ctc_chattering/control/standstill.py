@@ -95,17 +95,19 @@ class StandstillDetector(NamedTuple):
     patience: Array
 
     def track_position(self, last: Standstill, q: Array) -> Standstill:
-        """Return the standstill after a measured position, shape (n,) [rad]."""
+        """Return the standstill after a measured position [rad]."""
         moved = np.abs(q - last.position) > TOLERANCE_RAD
-        return Standstill(np.where(moved, q, last.position),
-                          np.where(moved, 0.0, last.joint_time + self.period),
-                          np.where(moved & (last.held != 0.0), 0.0, last.reference_time),
-                          np.where(moved, 0.0, last.held))
+        breaks_loose = moved & (last.held != 0.0)
+        return Standstill(
+            position=np.where(moved, q, last.position),
+            joint_time=np.where(moved, 0.0, last.joint_time + self.period),
+            reference_time=np.where(breaks_loose, 0.0, last.reference_time),
+            held=np.where(moved, 0.0, last.held))
 
     def detect_standstill(self, last: Standstill, point: Desired, inertia: Array, level: Array
                           ) -> Standstill:
         """
-        Return the standstill with the joints that (SS1) and (SS2) hold.
+        Return the standstill by (SS1) and (SS2).
 
         Parameters
         ----------
@@ -119,22 +121,25 @@ class StandstillDetector(NamedTuple):
             K̂ [N·m].
 
         """
-        still, s = reference_stands(point), last.joint_time
+        still = reference_stands(point)
+        s = last.joint_time
         t = np.where(still, last.reference_time + self.period, 0.0)
-        long = (s >= 2.0 / self.bandwidth) & (s * t >= self.patience * self.patience)
+        is_observed = s >= 2.0 / self.bandwidth
+        is_patient = s * t >= self.patience * self.patience
         sticks = level * s * s >= 4.0 * TOLERANCE_RAD * inertia
-        return last._replace(reference_time=t, held=np.where(still & long & sticks, 1.0, 0.0))
+        held = np.where(still & is_observed & is_patient & sticks, 1.0, 0.0)
+        return last._replace(reference_time=t, held=held)
 
 
 @function
 def hold_standing(standstill: Standstill, before: Observed, corrected: Observed) -> Observed:
-    """Return `corrected` with the perturbation of held joints as it was `before`."""
+    """Return `corrected` with P̂ of held joints as `before`."""
     if not some(standstill.held):
         return corrected
     held = standstill.held != 0.0
-    perturbation = np.where(held, before.perturbation, corrected.perturbation)
     return corrected._replace(
-        perturbation=perturbation, slope=np.where(held, 0.0, corrected.slope))
+        perturbation=np.where(held, before.perturbation, corrected.perturbation),
+        slope=np.where(held, 0.0, corrected.slope))
 
 
 @function
@@ -153,4 +158,5 @@ def design_detector(bandwidth: float, bound: Array, rate: Array, period: float
         h [s].
 
     """
-    return StandstillDetector(period, bandwidth, OBSERVER_PERIODS / bandwidth + bound / rate)
+    patience = OBSERVER_PERIODS / bandwidth + bound / rate
+    return StandstillDetector(period, bandwidth, patience)

@@ -52,7 +52,11 @@ import numpy as np
 
 @record
 class ControlOutput(NamedTuple):
-    """Result of a sample in arrays of shape (n,), as `control.controller.Sample`."""
+    """
+    Result of a sample, as `control.controller.Sample`.
+
+    Its fields are arrays of shape (n,).
+    """
 
     tau: Array
     e: Array
@@ -68,7 +72,7 @@ class ControlOutput(NamedTuple):
 def step(context: Context, law: Any, law_memory: Any, last: LastSample,
          irregularity: SampleIrregularity, q: Array, dq: Array) -> tuple[ControlOutput, Memories]:
     """
-    Return the result of a sample, and the memories a period later.
+    Return result and memories of a sample.
 
     Parameters
     ----------
@@ -126,7 +130,9 @@ def step(context: Context, law: Any, law_memory: Any, last: LastSample,
 
 class PlainStep:
     """
-    The step of a controller between two changes of its settings, in plain Python.
+    The step of a controller in plain Python.
+
+    It lasts until the next change of settings.
 
     Parameters
     ----------
@@ -153,7 +159,7 @@ class PlainStep:
 
     def step(self, rows: Array, irregularity: SampleIrregularity) -> list[list[float]]:
         """
-        Go on by a sample, and return its `ControlOutput`, shape (8, n).
+        Return the `ControlOutput` of a sample, shape (8, n).
 
         Parameters
         ----------

@@ -71,7 +71,7 @@ import numpy as np
 @record
 class Perturbation(NamedTuple):
     """
-    Memory of law (6), with the estimate and the last sample.
+    Memory of law (6).
 
     Attributes
     ----------
@@ -103,12 +103,14 @@ class Switching(Estimator):
 
     @classmethod
     def from_config(cls, config: ControllerConfig, period: float) -> Switching:
-        """Return the switching of a configuration, with the sample period [s]."""
+        """Return the switching of a configuration and period [s]."""
         raise NotImplementedError
 
     def term(self, memory: Perturbation, state: State, compensation: Array) -> tuple[Array, Array]:
         """
-        Return z within ±Ka, and its clipping error, each (n,) [N·m].
+        Return z within ±Ka, and its clipping error.
+
+        Both have the shape (n,) [N·m].
 
         Parameters
         ----------
@@ -150,7 +152,7 @@ def switching(kind: type[T]) -> type[T]:
 
 @switching
 class Sign(NamedTuple):
-    """Ka sgn(v), with sgn(0) = 0 as in the paper."""
+    """Switching Ka sgn(v), with sgn(0) = 0."""
 
     #: Ka [N·m], shape (n,).
     ka: Array
@@ -181,12 +183,13 @@ class BoundaryLayer(NamedTuple):
 
     def term(self, memory: Perturbation, state: State, compensation: Array) -> tuple[Array, Array]:
         """Return Ka sat(v / width)."""
-        return self.ka * np.minimum(np.maximum(state.v / self.width, -1.0), 1.0), state.zero
+        sat = np.minimum(np.maximum(state.v / self.width, -1.0), 1.0)
+        return self.ka * sat, state.zero
 
 
 @switching
 class Implicit(NamedTuple):
-    """The term by which v is 0 at the next sample, within ±Ka."""
+    """The term by which the next v is 0."""
 
     #: Ka [N·m], shape (n,).
     ka: Array
@@ -200,18 +203,20 @@ class Implicit(NamedTuple):
 
     def term(self, memory: Perturbation, state: State, compensation: Array) -> tuple[Array, Array]:
         """Return z for no perturbation."""
-        return nearest(state.M, unclipped(self.filter, state, compensation), self.ka), state.zero
+        w = unclipped(self.filter, state, compensation)
+        return nearest(state.M, w, self.ka), state.zero
 
 
 @function
 def unclipped(filter_: ErrorFilter, state: State, compensation: Array) -> Array:
     """Return w of (SW1), shape (n,) [N·m]."""
-    return dot(state.M, filter_.nominal_response(state.v, state.u) / filter_.scale) - compensation
+    y = filter_.nominal_response(state.v, state.u)
+    return dot(state.M, y / filter_.scale) - compensation
 
 
 @switching
 class ImplicitObserver(NamedTuple):
-    """The term of `Implicit` for w - P̂, within ±Ka as a whole."""
+    """The term of `Implicit` for w - P̂."""
 
     #: Ka [N·m], shape (n,), which bounds P̂ as well.
     ka: Array
@@ -236,19 +241,25 @@ class ImplicitObserver(NamedTuple):
         """Return the memory with P̂ corrected by the measured v."""
         if memory.known == 0.0:
             return memory
-        residual = (dot(memory.mass, (memory.nominal - now.v) / self.filter.scale)
-                    - memory.torque_residual - memory.perturbation)
+        change = (memory.nominal - now.v) / self.filter.scale
+        measured = dot(memory.mass, change) - memory.torque_residual
+        residual = measured - memory.perturbation
         estimate = memory.perturbation + self.gain * residual
-        return memory._replace(
-            perturbation=nearest(memory.mass, estimate, self.ka), known=0.0)
+        perturbation = nearest(memory.mass, estimate, self.ka)
+        return memory._replace(perturbation=perturbation, known=0.0)
 
     def advanced(self, memory: Perturbation, now: State, applied: Applied) -> Perturbation:
         """Predict the next v without perturbation and excess."""
-        residual, clipping = now.N - applied.tau - applied.excess, applied.clipping_error
+        residual = now.N - applied.tau - applied.excess
+        clipping = applied.clipping_error
         if some(clipping):
-            residual = residual + np.where(np.abs(clipping) < self.ka, 0.5 * clipping, 0.0)
-        return memory._replace(mass=now.M, nominal=self.filter.nominal_response(now.v, now.u),
-                               torque_residual=residual, known=1.0)
+            is_small = np.abs(clipping) < self.ka
+            residual = residual + np.where(is_small, 0.5 * clipping, 0.0)
+        return memory._replace(
+            mass=now.M,
+            nominal=self.filter.nominal_response(now.v, now.u),
+            torque_residual=residual,
+            known=1.0)
 
     def estimate(self, memory: Perturbation, now: State) -> Array:
         """Return P̂."""

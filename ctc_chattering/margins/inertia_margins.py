@@ -14,7 +14,7 @@
 
 
 """
-Rotors and masses of an arm for which a sampled loop is stable.
+Rotors and masses of an arm with a stable loop.
 
 `runs/arm_margins.py` makes an `ArmInertia` from the model of an arm, and passes the eigenvalues of
 M̂ M⁻¹ that `Loops.ratios` allows. With M̂ = B + R of bodies and rotors::
@@ -39,7 +39,7 @@ _ROTOR_GRID = np.geomspace(1e-6, 0.1, 200)
 
 class ArmMargins(NamedTuple):
     """
-    Inertias of an arm for which its loop is stable.
+    Inertias of an arm with a stable loop.
 
     A margin is None where it does not apply, or where no inertia is stable.
 
@@ -82,14 +82,14 @@ class ArmInertia(NamedTuple):
         return ArmMargins(rotors, lacking, masses)
 
     def _largest_lacking(self, ratios: StableRange) -> float:
-        """Return the largest rotors that the model may lack (AM2)."""
+        """Return the largest rotors of (AM2)."""
         added = self._range(
             ratios, lambda body, x: body + x * self.effort, _ROTOR_GRID[0], _ROTOR_GRID)
         return added.high if added else 0.0
 
     def _range(self, ratios: StableRange, actual: Callable[[Array, float], Array],
                start: float = 1.0, grid: Array = RATIO_GRID) -> StableRange | None:
-        """Return the numbers for which the eigenvalues are within `ratios`."""
+        """Return the numbers with eigenvalues within `ratios`."""
 
         def excess(x: float) -> float:
             return max(_excess(ratios, body + self.rotors, actual(body, x))
@@ -99,7 +99,11 @@ class ArmInertia(NamedTuple):
 
 
 def _excess(ratios: StableRange, assumed: Array, actual: Array) -> float:
-    """Return by which ratio the eigenvalues exceed an interval; below 1 inside."""
+    """
+    Return the ratio by which eigenvalues exceed an interval.
+
+    It is below 1 inside.
+    """
     eigenvalues = eigh(assumed, actual, eigvals_only=True)
     highest = eigenvalues[-1] / ratios.high
     lowest = ratios.low / eigenvalues[0]

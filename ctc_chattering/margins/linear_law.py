@@ -14,7 +14,9 @@
 
 
 """
-A control law as a linear system, from differences of its own code.
+A control law as a linear system.
+
+The system follows from differences of the law's own code.
 
 `runs/stability.py` calls `linear_law` with a configuration, and `loop_margins.py` closes the loop.
 A `Controller` runs with a model of constant M̂, without C and G, in a steady motion of 1 rad/s:
@@ -65,7 +67,7 @@ class LinearLaw(NamedTuple):
     D: Array
 
     def response(self) -> Array:
-        """Sum the torques in ten samples after y, shape (n, 2 n)."""
+        """Sum the torques in ten samples after y."""
         state = self.B
         delayed = 0.0 * self.D
         for _ in range(9):
@@ -86,7 +88,7 @@ class LinearLaw(NamedTuple):
 
 
 def _reach(A: Array, B: Array) -> Flags:
-    """Return the states that B reaches, also through A, shape (m,)."""
+    """Return the states that B reaches through A."""
     reached: Flags = np.array(B.any(axis=1))
     for _ in A:
         reached = reached | A[:, reached].any(axis=1)
@@ -171,7 +173,7 @@ def _without_limits(config: ControllerConfig) -> ControllerConfig:
 
 
 class _SteadyMotion:
-    """The control step at a sample of the motion, as a function of the memory."""
+    """The control step in the motion, over its memory."""
 
     def __init__(self, config: ControllerConfig, mass: Array) -> None:
         self._controller = controller = Controller(config, Frozen(mass))
@@ -194,7 +196,7 @@ class _SteadyMotion:
         self._values = np.concatenate([memory, self._zeros, self._ones])
 
     def _points(self, k: int) -> list[Point]:
-        """Return the reference for sample `k` and those of the delay."""
+        """Return the reference from sample `k` on."""
         points: list[Point] = []
         for j in range(self._controller.config.input_delay + 1):
             q_d = (k + j) * self._period * self._ones
@@ -212,7 +214,7 @@ class _SteadyMotion:
         return np.concatenate([np.frombuffer(record.tobytes()), transit.ravel()])
 
     def _step(self, values: Array) -> Array:
-        """Return the memory a period later and τ, for memory and y."""
+        """Return memory and τ a period later."""
         controller = self._controller
         ends = self._layout.itemsize // 8, self.states
         record, transit, y = np.split(values, ends)
@@ -228,7 +230,7 @@ class _SteadyMotion:
 
     def sensitivity(self) -> Array:
         """
-        Return how far noise moves memory and y, shape (m + 2 n,).
+        Return the effect of noise, shape (m + 2 n,).
 
         The noise is 1 of q and 1 / h of dq. The result is 0 for values that it does not reach.
         """
@@ -246,7 +248,11 @@ class _SteadyMotion:
         return np.concatenate([np.where(largest > rounding, largest, 0.0), noise])
 
     def differences(self, size: float, scale: Array) -> Array:
-        """Return changes of memory and τ for 1 `scale`, shape (m + n, m + 2 n)."""
+        """
+        Return changes of memory and τ for 1 `scale`.
+
+        Their shape is (m + n, m + 2 n).
+        """
         m = self.states
         values = self._values
         change = np.zeros((m + len(self._zeros), len(values)))
@@ -260,7 +266,7 @@ class _SteadyMotion:
 
 
 def _minimal(change: Array, scale: Array, m: int) -> LinearLaw:
-    """Return the part that y reaches and that reaches τ, with y unscaled."""
+    """Return the part between y and τ, unscaled."""
     largest = np.abs(change).max(axis=1, keepdims=True, initial=1e-300)
     change = np.where(np.abs(change) > _ROUNDING * largest, change, 0.0)
     A = change[:m, :m]

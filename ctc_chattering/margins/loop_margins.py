@@ -14,7 +14,9 @@
 
 
 """
-Stability margins of a sampled loop of a linear law, drives and a robot of constant M.
+Stability margins of a sampled loop.
+
+The loop is a linear law, drives and a robot of constant M.
 
 `runs/stability.py` forms `Loops` of a parameter file and prints their `Margins`. The laws come
 from `linear_law.py`. A loop is stable for the eigenvalues ρ of M̂ M⁻¹ in an interval.
@@ -56,9 +58,9 @@ class StableRange(NamedTuple):
 def stable_range(radius: Callable[[float], float], start: float, grid: Array
                  ) -> StableRange | None:
     """
-    Return the range around `start` with a radius below 1.
+    Return the range with a radius below 1.
 
-    It is within a rising grid. None if it is empty.
+    It is around `start` and within a rising grid. None if it is empty.
     """
     if not radius(start) < 1.0:
         return None
@@ -78,7 +80,11 @@ def _last_stable(radius: Callable[[float], float], start: float, side: Array) ->
 
 
 class SampledLoop(NamedTuple):
-    """The loop of (XL2): state⁺ = A state + B w, z = C state."""
+    """
+    The loop of (XL2).
+
+    state⁺ = A state + B w, z = C state.
+    """
 
     #: Shape (m, m).
     A: Array
@@ -117,7 +123,9 @@ class Margins(NamedTuple):
 @dataclasses.dataclass(frozen=True)
 class Loops:
     """
-    The loops of a law with a robot, one for each M̂ of its motion.
+    The loops of a law with a robot.
+
+    There is one for each M̂ of its motion.
 
     Attributes
     ----------
@@ -145,7 +153,11 @@ class Loops:
 
     @property
     def joints_are_equal(self) -> bool:
-        """Equality of the joints: eigenvalues of M̂ M⁻¹ decide for one."""
+        """
+        Equality of the joints.
+
+        If so, eigenvalues of M̂ M⁻¹ decide, and one joint stands for all.
+        """
         return self.masses[0].shape == (1, 1)
 
     @cached_property
@@ -154,7 +166,11 @@ class Loops:
         return [self._close(law, mass) for law, mass in zip(self.laws, self.masses)]
 
     def _close(self, law: LinearLaw, mass: Array) -> SampledLoop:
-        """Return the loop of a law and a robot with M̂ = `mass`, shape (n, n)."""
+        """
+        Return the loop of a law and a robot.
+
+        `mass` is M̂, shape (n, n).
+        """
         n = len(mass)
         h = self.period
         # Rows of an identity: the state, which is q, dq, torque of the drives, torques in
@@ -189,16 +205,24 @@ class Loops:
         return SampledLoop(A, B / scale, scale[:, np.newaxis] * C)
 
     def radius(self, ratio: float = 1.0) -> float:
-        """Return the largest absolute value of a pole for M̂ = `ratio` M."""
+        """
+        Return the largest absolute value of a pole.
+
+        M̂ is `ratio` M.
+        """
         poles = [np.linalg.eigvals(loop.closed(ratio)) for loop in self.sampled]
         return float(np.abs(poles).max())
 
     def ratios(self) -> StableRange | None:
-        """Return the eigenvalues of M̂ M⁻¹ around 1 with stable poles."""
+        """Return the stable eigenvalues of M̂ M⁻¹ around 1."""
         return stable_range(self.radius, 1.0, RATIO_GRID)
 
     def guaranteed(self) -> StableRange | None:
-        """Return the interval of (MG1) whose nearer end is farthest from 1."""
+        """
+        Return the widest interval of (MG1), or None.
+
+        Its nearer end is farthest from 1, by ratio.
+        """
 
         def interval(c: float) -> StableRange:
             if not self.radius(c) < 1.0:
@@ -207,7 +231,7 @@ class Loops:
             return StableRange(c - 1.0 / gain, c + 1.0 / gain)
 
         def nearer_end(c: float) -> float:
-            """Return the factor from 1 to the nearer end, below 1 if 1 is outside."""
+            """Return the factor from 1 to the nearer end."""
             low, high = interval(c)
             return min(high, 1.0 / max(low, 1e-9))
 
@@ -223,7 +247,7 @@ class Loops:
 
     def lags(self, ratio: float = 1.0) -> StableRange | None:
         """
-        Return the true lags with stable poles [s]; None if there is none.
+        Return the stable true lags [s], or None.
 
         They are around the robot's lag, or around the shortest stable one.
         """

@@ -37,7 +37,7 @@ _MAX_TURNS = 2.0 ** 52
 
 
 def turns_to(angle: float, target: float) -> int:
-    """Return the whole turns that bring an angle nearest to `target`."""
+    """Return whole turns that bring an angle near `target`."""
     turns = (target - angle) / TURN
     return round(turns) if -_MAX_TURNS < turns < _MAX_TURNS else 0
 
@@ -48,7 +48,7 @@ def turned(angle: float, turns: int) -> float:
 
 
 def nearest(angle: float, target: float) -> float:
-    """Return the representative of an angle that is nearest to `target`."""
+    """Return an angle's representative nearest to `target`."""
     return turned(angle, turns_to(angle, target))
 
 
@@ -58,7 +58,7 @@ def expected(angle: float, velocity_before: float, velocity: float, h: float) ->
 
 
 def within_turn(angle: float, lower: float) -> float:
-    """Return the representative of an angle in [`lower`, `lower` + 2π)."""
+    """Return an angle's representative in [`lower`, `lower` + 2π)."""
     return angle - TURN * floor((angle - lower) / TURN)
 
 

@@ -55,6 +55,12 @@ _ROUNDING = 1e-13
 
 
 @function
+def clip(x: Array, lower: Array, upper: Array) -> Array:
+    """Return `x` within bounds, shape (n,)."""
+    return np.minimum(np.maximum(x, lower), upper)
+
+
+@function
 def nearest(mass: Array, point: Array, bound: Array) -> Array:
     """Return z; see `nearest_and_motion`."""
     return nearest_and_motion(mass, point, bound)[0]
@@ -101,4 +107,4 @@ def nearest_and_motion(mass: Array, point: Array, bound: Array) -> tuple[Array, 
             break
         i = first(wrong)
         side = replaced(side, i, 0.0 if active[i] else np.sign(z[i]))
-    return np.minimum(np.maximum(z, -bound), bound), x
+    return clip(z, -bound, bound), x

@@ -42,7 +42,7 @@ def simpson(x: Array, sixth: float, k1: Array, k2: Array, k3: Array, k4: Array) 
 def runge_kutta(f: Callable[[Any, Array, Array, Array], Array], system: Any, q: Array, dq: Array,
                 ddq: Array, load: Load, h: float) -> tuple[Array, Array]:
     """
-    Return q and dq after `h`, by the classical Runge-Kutta method.
+    Return q and dq after a Runge-Kutta step.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ _WEIGHTS = (-1.0 / 6.0, 4.0, -13.5, 32.0 / 3.0)
 def extrapolated_euler(f: Callable[[Any, Array, Array, Array, float], Array], system: Any,
                        q: Array, dq: Array, load: Array, h: float) -> tuple[Array, Array]:
     """
-    Return q and dq after `h`, by extrapolated Euler steps.
+    Return q and dq after extrapolated Euler steps.
 
     The result is of fourth order.
 

@@ -43,7 +43,7 @@ def linear(s: float, h: float, x0: float, x1: float) -> CurvePoint:
 
 
 def cubic(s: float, h: float, x0: float, v0: float, x1: float, v1: float) -> CurvePoint:
-    """Evaluate the cubic with these values and velocities at its ends."""
+    """Evaluate the cubic with velocities at its ends."""
     v0 = v0 * h
     v1 = v1 * h
     d = x1 - x0

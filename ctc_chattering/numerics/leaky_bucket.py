@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Limit of a rate that allows bursts, as a leaky bucket.
+Limit of a rate that allows bursts.
 
 The parameter services limit the time that requests take, `ctc live` the messages of a page. What
 is limited fills a bucket that leaks at the allowed rate; what is beyond the capacity is too much.
@@ -24,7 +24,7 @@ from __future__ import annotations
 
 class LeakyBucket:
     """
-    A level that rises by amounts and falls at a constant rate.
+    A level that rises by amounts and leaks steadily.
 
     Parameters
     ----------
@@ -42,7 +42,11 @@ class LeakyBucket:
         self._time = 0.0
 
     def fill(self, amount: float, now: float) -> float:
-        """Add an amount at `now` [s]; return the excess over the capacity."""
+        """
+        Add an amount at `now` [s].
+
+        Return the excess over the capacity.
+        """
         leaked = self._rate * (now - self._time)
         self._level = max(self._level - leaked, 0.0) + amount
         self._time = now

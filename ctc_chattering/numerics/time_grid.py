@@ -33,7 +33,7 @@ _PERIOD_TOLERANCE = 1e-9
 
 
 def nanoseconds(time: Any) -> int:
-    """Return a time or duration of a message in nanoseconds."""
+    """Return a message's time or duration in nanoseconds."""
     return int(time.sec) * NANOSECONDS + int(time.nanosec)
 
 
@@ -55,7 +55,11 @@ def period_ns(control_period: float) -> int:
 
 
 def samples(duration: float, period: int) -> int:
-    """Return the last index of a run, from [s] and [ns]."""
+    """
+    Return the last index of a run.
+
+    Duration in [s], period in [ns].
+    """
     return round(duration * NANOSECONDS) // period
 
 

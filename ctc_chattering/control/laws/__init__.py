@@ -12,4 +12,8 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Control laws, one a module. `registry.law_class` finds them by name."""
+"""
+Control laws, one a module.
+
+`registry.law_class` finds them by name.
+"""

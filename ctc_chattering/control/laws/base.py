@@ -59,7 +59,11 @@ T = TypeVar('T')
 
 @record
 class Nothing(NamedTuple):
-    """Memory of a law that remembers nothing; a record needs a field."""
+    """
+    Memory of a law that remembers nothing.
+
+    A record needs a field.
+    """
 
     nothing: float = 0.0
 
@@ -76,7 +80,9 @@ class Estimator:
 
     def with_gains(self, kp: Array, kv: Array, ka: Array) -> Any:
         """
-        Return a copy with other gains. The default depends on none of them.
+        Return a copy with other gains.
+
+        The default depends on none of them.
 
         Parameters
         ----------
@@ -109,12 +115,16 @@ class Estimator:
         return memory
 
     def estimate(self, memory: Any, now: State) -> Array:
-        """Return the estimate of the perturbation P, shape (n,) [N·m]."""
+        """Return the estimate of P, shape (n,) [N·m]."""
         return now.zero
 
 
 class Stability(NamedTuple):
-    """A law's report on its own loop. By default nothing is wrong."""
+    """
+    A law's report on its own loop.
+
+    By default nothing is wrong.
+    """
 
     #: Fraction of the configured bandwidth in use, s of (OG1).
     bandwidth: float = 1.0
@@ -151,12 +161,16 @@ class Law(Estimator):
 
     @classmethod
     def from_config(cls, config: ControllerConfig, period: float) -> Law:
-        """Return the law of a configuration for a sample period [s]."""
+        """Return the law of a configuration and period [s]."""
         return cls()
 
     @classmethod
     def largest_ki(cls, config: ControllerConfig) -> Array:
-        """Return the integral gain at which the loop becomes unstable, shape (n,) [1/s³]."""
+        """
+        Return Ki at which the loop becomes unstable.
+
+        Its shape is (n,) [1/s³].
+        """
         return np.full(len(config.joint_names), inf)
 
     def initial(self) -> Any:
@@ -164,12 +178,14 @@ class Law(Estimator):
         return Nothing()
 
     def reconfigured(self, memory: T) -> T:
-        """Return the memory that continues after a change of this law's gains."""
+        """Return the memory after a change of gains."""
         return memory
 
     def initialized(self, now: State, estimate: Array) -> Any:
         """
-        Return the memory that takes over from another law, before the first sample.
+        Return the memory that takes over from another law.
+
+        This is before the first sample.
 
         After a law that estimates nothing, `initial` is used instead.
 
@@ -186,7 +202,7 @@ class Law(Estimator):
     def predicted_state(self, memory: Any, last: LastSample, context: Context
                         ) -> tuple[Array, Array]:
         """
-        Return the q and dq to be measured next, shape (n,) [rad, rad/s].
+        Return the next q and dq [rad, rad/s].
 
         Parameters
         ----------
@@ -202,7 +218,7 @@ class Law(Estimator):
 
     def corrected(self, memory: T, q: Array, dq: Array, held: Array) -> tuple[T, MeasuredState]:
         """
-        Return the memory, and the state with which the law computes.
+        Return the memory, and the law's own state.
 
         Parameters
         ----------
@@ -233,11 +249,15 @@ class Law(Estimator):
         return self.terms(memory, predict_arrival(self, memory, now, context))
 
     def terms(self, memory: T, state: State) -> tuple[Terms, T]:
-        """Return the terms of the torque for the state in which it arrives, and the memory."""
+        """
+        Return the terms for a state, and the memory.
+
+        In this state the torque arrives.
+        """
         raise NotImplementedError
 
     def acting(self, memory: Any, now: State) -> Array:
-        """Return the perturbation for the delay prediction, shape (n,) [N·m]."""
+        """Return P for the delay prediction [N·m]."""
         return self.estimate(memory, now)
 
     def stability(self, memory: Any) -> Stability:
@@ -247,10 +267,15 @@ class Law(Estimator):
 
 @function
 def next_state(law: Any, memory: Any, last: LastSample, context: Context) -> tuple[Array, Array]:
-    """Return the next q and dq by the model, with the torque and P of the last sample."""
-    settings, model = context.settings, context.models.now
-    state = evaluate_state(
-        settings, model, last.q, last.dq, context.reference_at(0), context.memory.xi)
+    """
+    Return the next q and dq by the model.
+
+    The torque and P are those of the last sample.
+    """
+    settings = context.settings
+    model = context.models.now
+    desired = context.reference_at(0)
+    state = evaluate_state(settings, model, last.q, last.dq, desired, context.memory.xi)
     torque = last.applied - law.acting(memory, state)
     return predict_state(model, state, torque, settings.period)
 
@@ -258,7 +283,11 @@ def next_state(law: Any, memory: Any, last: LastSample, context: Context) -> tup
 @function
 def observed_state(law: Any, memory: Any, last: LastSample, context: Context, q: Array, dq: Array
                    ) -> tuple[Array, Array]:
-    """Return q and dq as an observer predicted them; at the first sample, `next_state`."""
+    """
+    Return q and dq as an observer predicted them.
+
+    At the first sample it is `next_state`.
+    """
     if memory.has_sample == 0.0:
         return next_state(law, memory, last, context)
     return q, dq
@@ -269,7 +298,9 @@ def law(symbol: str = '', of_the_paper: bool = False, acts_on_v: bool = False, *
         is_bounded: bool = True, gain_rule: GainRule | None = None
         ) -> Callable[[type[T]], type[T]]:
     """
-    Mark a law of your own, a NamedTuple of its gains; a decorator with arguments.
+    Mark a law of your own.
+
+    A law is a NamedTuple of its gains. This is a decorator with arguments.
 
     It returns the class with the methods of `Law` that it lacks. The parameter ``law`` takes the
     class itself, or its name ``package.module:Name``, which nodes need. The arguments are the
@@ -310,15 +341,23 @@ def law(symbol: str = '', of_the_paper: bool = False, acts_on_v: bool = False, *
     """
     def mark(unmarked: type[T]) -> type[T]:
         marked: Any = with_defaults(unmarked, Law)
-        marked.symbol, marked.of_the_paper, marked.acts_on_v = symbol, of_the_paper, acts_on_v
-        marked.parameters, marked.gain_rule = parameters, gain_rule
-        marked.is_watched, marked.is_bounded = is_watched, is_bounded
+        marked.symbol = symbol
+        marked.of_the_paper = of_the_paper
+        marked.acts_on_v = acts_on_v
+        marked.parameters = parameters
+        marked.is_watched = is_watched
+        marked.is_bounded = is_bounded
+        marked.gain_rule = gain_rule
         return unmarked
     return mark
 
 
 def with_defaults(marked: type[T], defaults: type) -> type[T]:
-    """Return a class as a record, with the attributes of `defaults` that it lacks."""
+    """
+    Return a class as a record, with defaults.
+
+    It gets the attributes of `defaults` that it lacks.
+    """
     accept_old_name(marked, 'made', 'from_config')
     if 'estimate' in vars(marked) and 'estimates' not in vars(marked):
         setattr(marked, 'estimates', True)  # noqa: B010
@@ -330,7 +369,9 @@ def with_defaults(marked: type[T], defaults: type) -> type[T]:
 
 def laws() -> dict[str, tuple[Parameter, ...]]:
     """
-    Return the laws by name, with the parameters of `ControllerConfig` that are theirs.
+    Return the laws by name, with their parameters.
+
+    They are those of `ControllerConfig`.
 
     Returns
     -------
@@ -352,6 +393,9 @@ def laws() -> dict[str, tuple[Parameter, ...]]:
     anti_windup True
 
     """
-    declared = ControllerConfig.parameters().values()
-    return {law: tuple(x for x in declared if x.name in COMMON_GAINS or law in x.laws)
-            for law in LAWS}
+    parameters_by_law = {}
+    for law in LAWS:
+        parameters_by_law[law] = tuple(
+            spec for spec in ControllerConfig.parameters().values()
+            if spec.name in COMMON_GAINS or law in spec.laws)
+    return parameters_by_law

@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-Law `chattering`, equation (6) of the paper: computed torque, compensation and chattering.
+Law `chattering`, equation (6) of the paper.
+
+It has computed torque, compensation and chattering.
 
 Its state is that of `control/sample.py`, with v of the filter (3)::
 
@@ -67,8 +69,8 @@ class Chattering(NamedTuple):
 
     def initial(self) -> Perturbation:
         """Return P̂ = 0."""
-        zero, square = 0.0 * self.ka, np.diag(0.0 * self.ka)
-        return Perturbation(zero, square, zero, zero, 0.0)
+        zero = 0.0 * self.ka
+        return Perturbation(zero, np.diag(zero), zero, zero, 0.0)
 
     def reconfigured(self, memory: Perturbation) -> Perturbation:
         """Keep P̂; forget the last sample."""
@@ -76,7 +78,8 @@ class Chattering(NamedTuple):
 
     def initialized(self, now: State, estimate: Array) -> Perturbation:
         """Continue from the estimate of the other law, within ±Ka."""
-        return self.initial()._replace(perturbation=nearest(now.M, estimate, self.ka))
+        perturbation = nearest(now.M, estimate, self.ka)
+        return self.initial()._replace(perturbation=perturbation)
 
     def updated(self, memory: Perturbation, now: State) -> Perturbation:
         """Correct the estimate, if the switching has one."""

@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-Law `compensation`, equation (2) of the paper: computed torque and compensation.
+Law `compensation`, equation (2) of the paper.
+
+It has computed torque and compensation.
 
 Its state is that of `control/sample.py`, with v of the filter (3)::
 

@@ -43,8 +43,7 @@ from ctc_chattering.control.laws.observer_feedback import evaluate_model, ModelT
 from ctc_chattering.control.observer import design_observer, Observed, StateObserver
 from ctc_chattering.control.recommended_gains import PoleRule
 from ctc_chattering.control.sample import Applied, Context, LastSample, MeasuredState, State, Terms
-from ctc_chattering.dynamics.drive_response import discretize_drives
-from ctc_chattering.numerics.box_qp import nearest
+from ctc_chattering.numerics.box_qp import clip, nearest
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -68,7 +67,7 @@ class ExtendedState(NamedTuple):
                  'friction_level', 'friction_velocity', 'friction_lead'),
      gain_rule=PoleRule(0.4, 40.0, times_p={'estimator_bandwidth': 3.0}))
 class ExtendedStateObserver(NamedTuple):
-    """Computed torque plus the estimate of an extended state observer, and friction."""
+    """Computed torque plus an observer's estimate, and friction."""
 
     #: F of (ES3).
     friction: FrictionAhead
@@ -77,8 +76,7 @@ class ExtendedStateObserver(NamedTuple):
     @classmethod
     def from_config(cls, config: ControllerConfig, period: float) -> ExtendedStateObserver:
         """Return the law of a configuration."""
-        drives = discretize_drives(
-            np.array(config.assumed_lag), np.array(config.torque_rate_limit), period)
+        drives = config.assumed_drives(period)
         observer = design_observer(drives, config.estimator_bandwidth, np.array(config.ka))
         return cls(friction_ahead(config), observer)
 
@@ -95,17 +93,21 @@ class ExtendedStateObserver(NamedTuple):
         """Begin with the other law's estimate, beside friction."""
         remaining = estimate - self.friction.friction_torque(now.dq_d, now.ddq_d)
         P = nearest(now.M, remaining, self.observer.bound)
-        return self.initial()._replace(
-            observed=Observed(now.q, now.dq, now.zero, P, now.zero))
+        observed = Observed(now.q, now.dq, now.zero, P, now.zero)
+        return self.initial()._replace(observed=observed)
 
     def predicted_state(self, memory: ExtendedState, last: LastSample, context: Context
                         ) -> tuple[Array, Array]:
-        """Return q̂ and dq̂ as predicted; at first, by the model."""
+        """Return q̂ and dq̂ as predicted."""
         return observed_state(self, memory, last, context, memory.observed.q, memory.observed.dq)
 
     def corrected(self, memory: ExtendedState, q: Array, dq: Array, held: Array
                   ) -> tuple[ExtendedState, MeasuredState]:
-        """Return q̂ and dq̂, corrected by the measured position; at first the measured ones."""
+        """
+        Return q̂ and dq̂, corrected by the measured position.
+
+        At the first sample they are the measured ones.
+        """
         if memory.has_sample != 0.0:
             state = self.observer.correct(memory.observed, memory.mass, q)
         else:
@@ -114,9 +116,15 @@ class ExtendedStateObserver(NamedTuple):
 
     def answer(self, memory: ExtendedState, now: State, context: Context
                ) -> tuple[Terms, ExtendedState]:
-        """Return the terms of (ES4), for the period in which the torque arrives."""
+        """
+        Return the terms of (ES4).
+
+        They are for the period in which the torque arrives.
+        """
         settings = context.settings
-        model, delay = ModelTerms(memory.observed, now.M, now.bias), int(settings.delay)
+        delay = int(settings.delay)
+        drives = self.observer.drives
+        model = ModelTerms(memory.observed, now.M, now.bias)
         for j in range(delay):
             point = context.reference_at(j)
             F = self.friction.friction_torque(point.dq, point.ddq)
@@ -124,26 +132,33 @@ class ExtendedStateObserver(NamedTuple):
             model = evaluate_model(context.models.arriving, later)
         arrival = context.reference_at(delay)
         F = self.friction.friction_torque(arrival.dq, arrival.ddq)
-        held, drives = model.state.torque, self.observer.drives
+        held = model.state.torque
         later = self.moved(model, context.memory.held, F)
         model = evaluate_model(context.models.after, later)
         change = memory.has_sample * (arrival.ddq - memory.ddq)
-        r, s = next_point(arrival, change, drives.period), model.state
+        r = next_point(arrival, change, drives.period)
+        s = model.state
         z = -(s.perturbation + self.friction.friction_torque(r.dq, r.ddq))
         u = dot(settings.kv, r.dq - s.dq) + dot(settings.kp, r.q - s.q)
         desired = dot(model.M, r.ddq + u) + model.bias - z                        # (ES2)
         command = (desired - drives.decay * held) / (1.0 - drives.decay)          # (ES4)
-        sent = np.minimum(np.maximum(command, held - drives.reach), held + drives.reach)
-        return Terms(sent + z, now.zero, z, now.zero), memory._replace(ddq=arrival.ddq)
+        sent = clip(command, held - drives.reach, held + drives.reach)
+        memory = memory._replace(ddq=arrival.ddq)
+        return Terms(sent + z, now.zero, z, now.zero), memory
 
     def moved(self, model: ModelTerms, command: Array, F: Array) -> Observed:
-        """Return the state a period later, under a command to the drives and the friction F."""
+        """
+        Return the state a period later.
+
+        It is under a command to the drives, and the friction F.
+        """
         return self.observer.predict(model.state, model.M, model.bias + F, 0.0 * F, command)
 
     def advanced(self, memory: ExtendedState, now: State, applied: Applied) -> ExtendedState:
         """Predict the next sample."""
         model = ModelTerms(memory.observed, now.M, now.bias)
-        later = self.moved(model, applied.tau, self.friction.friction_torque(now.dq_d, now.ddq_d))
+        F = self.friction.friction_torque(now.dq_d, now.ddq_d)
+        later = self.moved(model, applied.tau, F)
         return memory._replace(observed=later, mass=now.M, has_sample=1.0)
 
     def estimate(self, memory: ExtendedState, now: State) -> Array:

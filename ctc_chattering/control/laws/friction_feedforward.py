@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-Law `friction_feedforward`: computed torque plus the friction of the desired velocity.
+Law `friction_feedforward`: computed torque plus friction.
+
+The friction is that of the desired velocity.
 
 Armstrong-Hélouvry, Dupont & Canudas de Wit, *A survey of models, analysis tools and compensation
 methods for the control of machines with friction*, Automatica 30(7), 1994. Coulomb's friction has
@@ -42,7 +44,11 @@ import numpy as np
 
 @record
 class FrictionAhead(NamedTuple):
-    """Smoothed friction that is fed forward with a lead t: f tanh((dq_d + t ddq_d) / ε)."""
+    """
+    Friction that is fed forward with a lead t.
+
+    It is f tanh((dq_d + t ddq_d) / ε).
+    """
 
     #: f [N·m], shape (n,).
     level: Array

@@ -64,7 +64,11 @@ class IntegralAction(NamedTuple):
     tracking: Array
 
     def relieved(self, x: Array, M: Array, lost: Array) -> Array:
-        """Return x, which tracks the torque less what is `lost` at limits, shape (n,) [N·m]."""
+        """
+        Return x less what is `lost` at limits.
+
+        It tracks the torque that they allow, shape (n,) [N·m].
+        """
         return x - self.tracking * solve(M, lost) if some(lost) else x
 
     def integrated(self, x: Array, now: State, lost: Array) -> Array:
@@ -73,10 +77,13 @@ class IntegralAction(NamedTuple):
 
 
 def integral_action(config: ControllerConfig, period: float) -> IntegralAction:
-    """Return the integral of a configuration, with the sample period [s]."""
+    """Return the integral of a configuration and period [s]."""
     ki = np.array(config.ki)
-    tracking = -np.expm1(-period * ki / np.diag(matrix(config.kp, len(ki))))
-    return IntegralAction(period * ki, tracking if config.anti_windup else 0.0 * tracking)
+    kp = np.diag(matrix(config.kp, len(ki)))
+    tracking = -np.expm1(-period * ki / kp)
+    if not config.anti_windup:
+        tracking = 0.0 * tracking
+    return IntegralAction(period * ki, tracking)
 
 
 @law(symbol='-M ∫ Ki e dt', parameters=('ki', 'anti_windup'), is_bounded=False,
@@ -94,8 +101,10 @@ class Integral(NamedTuple):
     @classmethod
     def largest_ki(cls, config: ControllerConfig) -> Array:
         """Return the bound of (I3), shape (n,) [1/s³]."""
-        n, lag = len(config.joint_names), np.array(config.known_lag)
-        kp, kv = (np.array(matrix(x, n)).diagonal() for x in (config.kp, config.kv))
+        n = len(config.joint_names)
+        lag = np.array(config.known_lag)
+        kp = np.diag(matrix(config.kp, n))
+        kv = np.diag(matrix(config.kv, n))
         bound: Array = kp * (kv - lag * kp)
         return bound
 
@@ -109,7 +118,8 @@ class Integral(NamedTuple):
 
     def terms(self, memory: Integrated, state: State) -> tuple[Terms, Integrated]:
         """Return the terms of (I1)."""
-        return Terms(state.N, state.zero, -dot(state.M, memory.x), state.zero), memory
+        robust = -dot(state.M, memory.x)
+        return Terms(state.N, state.zero, robust, state.zero), memory
 
     def advanced(self, memory: Integrated, now: State, applied: Applied) -> Integrated:
         """Advance x by (I2)."""

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Law `momentum_observer`: computed torque with a disturbance observer on the momentum.
+Law `momentum_observer`: computed torque with a momentum observer.
 
 De Luca & Mattone, *Actuator failure detection and isolation using generalized momenta*, ICRA 2003.
 The momentum p = M dq of the plant M ddq + C dq + G + P = τ obeys, since dM/dt = C + Cᵀ::
@@ -49,7 +49,7 @@ import numpy as np
 
 @record
 class Momentum(NamedTuple):
-    """Memory of the law; arrays of shape (n,)."""
+    """Memory of the law, in arrays of shape (n,)."""
 
     #: P̂ [N·m].
     perturbation: Array
@@ -77,8 +77,8 @@ class MomentumObserver(NamedTuple):
     @classmethod
     def from_config(cls, config: ControllerConfig, period: float) -> MomentumObserver:
         """Return the law of a configuration."""
-        return cls(1.0 - exp(-config.momentum_gain * period), period,
-                   np.zeros(len(config.joint_names)))
+        gain = 1.0 - exp(-config.momentum_gain * period)
+        return cls(gain, period, np.zeros(len(config.joint_names)))
 
     def initial(self) -> Momentum:
         """Return P̂ = 0."""
@@ -94,7 +94,8 @@ class MomentumObserver(NamedTuple):
         beta = transposed_dot(now.C, now.dq) - now.G
         P = memory.perturbation
         if memory.has_sample != 0.0:
-            last_P = memory.tau + 0.5 * (memory.beta + beta) - (p - memory.p) / self.period
+            dp = (p - memory.p) / self.period
+            last_P = memory.tau + 0.5 * (memory.beta + beta) - dp
             P = P + self.gain * (last_P - P)
         return memory._replace(perturbation=P, p=p, beta=beta)
 

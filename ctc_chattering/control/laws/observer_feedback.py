@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-Law `observer_feedback`: computed torque on an observed state, for real drives and encoders.
+Law `observer_feedback`: computed torque on an observed state.
+
+It is for real drives and encoders.
 
 An observer has the perturbation as a state (Han, *From PID to active disturbance rejection
 control*, IEEE TIE 56, 2009), with the bound Ka of the paper's law (6). `control/observer.py` has
@@ -83,7 +85,6 @@ from ctc_chattering.control.standstill import (
     Standstill,
     StandstillDetector,
 )
-from ctc_chattering.dynamics.drive_response import discretize_drives
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
@@ -131,7 +132,7 @@ class ModelTerms(NamedTuple):
 
 @record
 class DesiredTorque(NamedTuple):
-    """Torque by (OF2) and its parts; arrays of shape (n,)."""
+    """Torque by (OF2) and its terms, each (n,)."""
 
     #: τ* [N·m].
     torque: Array
@@ -169,39 +170,54 @@ class ObserverFeedback(NamedTuple):
     @classmethod
     def from_config(cls, config: ControllerConfig, period: float) -> ObserverFeedback:
         """Return the law of a configuration."""
-        n, bandwidth, ka = len(config.joint_names), config.estimator_bandwidth, np.array(config.ka)
-        drives = discretize_drives(
-            np.array(config.assumed_lag), np.array(config.torque_rate_limit), period)
+        n = len(config.joint_names)
+        bandwidth = config.estimator_bandwidth
+        ka = np.array(config.ka)
+        drives = config.assumed_drives(period)
         return with_parts(
-            np.array(matrix(config.kp, n)), np.array(matrix(config.kv, n)), ka,
+            np.array(matrix(config.kp, n)),
+            np.array(matrix(config.kv, n)),
+            ka,
             np.array(config.friction_level),
             design_observer(drives, bandwidth, ka, config.estimator_slope),
-            design_learner(config.friction_learning, bandwidth, period, ka), bandwidth)
+            design_learner(config.friction_learning, bandwidth, period, ka),
+            bandwidth)
 
     def with_gains(self, kp: Array, kv: Array, ka: Array) -> ObserverFeedback:
-        """Return the law with other gains, and the parts that depend on them."""
+        """Return the law with other gains."""
         return with_parts(
-            kp, kv, ka, self.initial_level, self.observer._replace(bound=ka),
-            self.learning._replace(bound=ka), self.standstill.bandwidth)
+            kp,
+            kv,
+            ka,
+            self.initial_level,
+            self.observer._replace(bound=ka),
+            self.learning._replace(bound=ka),
+            self.standstill.bandwidth)
 
     def stability(self, memory: Memory) -> Stability:
-        """Return s of (OG1), for how long less of it did not help, and the limit cycle (OG2)."""
+        """Return s of (OG1) and the limit cycle (OG2)."""
         guarded = memory.oscillation
         joint = self.guard.find_cycling_joint(guarded)
-        return Stability(exp(guarded.retreat), guarded.strained, guarded.cycling, joint,
-                         float(guarded.frequency[joint]))
+        return Stability(
+            exp(guarded.retreat),
+            guarded.strained,
+            guarded.cycling,
+            joint,
+            float(guarded.frequency[joint]))
 
     def slowed_down(self, memory: Memory) -> ObserverFeedback:
-        """Return the law with the fraction s of its bandwidths."""
+        """Return the law with s of its bandwidths."""
         if memory.oscillation.retreat > _FULL_BANDWIDTH:
             return self
         s = exp(memory.oscillation.retreat)
         return self._replace(
-            observer=self.observer.slow_down(s), reference=self.reference.slow_down(s),
-            learning=self.learning.slow_down(s), feedback_scale=max(s, self.least_scale))
+            observer=self.observer.slow_down(s),
+            reference=self.reference.slow_down(s),
+            learning=self.learning.slow_down(s),
+            feedback_scale=max(s, self.least_scale))
 
     def reconfigured(self, memory: Memory) -> Memory:
-        """Return the memory, without a slope of P̂ if the observer has none now."""
+        """Return the memory, without a slope for (SO3)."""
         if self.observer.jerk != 0.0:
             return memory
         return memory._replace(
@@ -210,39 +226,53 @@ class ObserverFeedback(NamedTuple):
     def initial(self) -> Memory:
         """Return the memory before any sample."""
         zero = 0.0 * self.initial_level
+        oscillation = Oscillation(
+            *(zero,) * 4,
+            retreat=0.0,
+            strained=-START_GRACE_S,
+            frequency=zero,
+            calm=0.0,
+            cycling=0.0)
         return Memory(
-            observed=Observed(*(zero,) * 5), mass=np.zeros_like(self.kp), ddq=zero,
-            deviation=Deviation(zero, zero), has_sample=0.0,
+            observed=Observed(*(zero,) * 5),
+            mass=np.zeros_like(self.kp),
+            ddq=zero,
+            deviation=Deviation(zero, zero),
+            has_sample=0.0,
             learned=LearnedFriction(self.initial_level, *(zero,) * 5),
             standing=Standstill(*(zero,) * 4),
-            oscillation=Oscillation(
-                *(zero,) * 4, retreat=0.0, strained=-START_GRACE_S, frequency=zero, calm=0.0,
-                cycling=0.0))
+            oscillation=oscillation)
 
     def initialized(self, now: State, estimate: Array) -> Memory:
         """Begin with the other law's estimate, beside friction."""
-        P = nearest(now.M, estimate - self.initial_level * np.sign(now.dq), self.ka)
-        return self.initial()._replace(
-            observed=Observed(now.q, now.dq, now.zero, P, now.zero))
+        friction = self.initial_level * np.sign(now.dq)
+        P = nearest(now.M, estimate - friction, self.ka)
+        observed = Observed(now.q, now.dq, now.zero, P, now.zero)
+        return self.initial()._replace(observed=observed)
 
     def predicted_state(self, memory: Memory, last: LastSample, context: Context
                         ) -> tuple[Array, Array]:
-        """Return q̂ and dq̂ as predicted; at first, by the model."""
+        """Return q̂ and dq̂ as predicted."""
         return observed_state(self, memory, last, context, memory.observed.q, memory.observed.dq)
 
     def corrected(self, memory: Memory, q: Array, dq: Array, held: Array
                   ) -> tuple[Memory, MeasuredState]:
-        """Return q̂ and dq̂, corrected by the measured position; at first the measured ones."""
+        """
+        Return q̂ and dq̂, corrected by the measured position.
+
+        At the first sample they are the measured ones.
+        """
         standing = self.standstill.track_position(memory.standing, q)
         state = memory.observed._replace(q=q, dq=dq, torque=held)
         if memory.has_sample != 0.0:
             observer = self.slowed_down(memory).observer
-            state = hold_standing(standing, memory.observed, observer.correct(
-                memory.observed, memory.mass, q))
-        return memory._replace(observed=state, standing=standing), MeasuredState(state.q, state.dq)
+            state = observer.correct(memory.observed, memory.mass, q)
+            state = hold_standing(standing, memory.observed, state)
+        memory = memory._replace(observed=state, standing=standing)
+        return memory, MeasuredState(state.q, state.dq)
 
     def answer(self, memory: Memory, now: State, context: Context) -> tuple[Terms, Memory]:
-        """Return the terms of (OF4), for the state in which the torque arrives."""
+        """Return the terms of (OF4) at the arrival."""
         return self.slowed_down(memory).respond(memory, now, context)
 
     def respond(self, memory: Memory, now: State, context: Context) -> tuple[Terms, Memory]:
@@ -253,44 +283,56 @@ class ObserverFeedback(NamedTuple):
             arriving = self.predict_state(memory, model, context.in_transit(j))
             model = evaluate_model(context.models.arriving, arriving)             # (OF1)
         point = context.reference_at(delay)
-        deviation, inertia = memory.deviation, diagonal(model.M)
+        deviation = memory.deviation
         if memory.has_sample == 0.0:
             deviation = Deviation(model.state.q - point.q, model.state.dq - point.dq)
         desired = self.desired_torque(memory, model, point, deviation)            # (OF2)
-        level, tau = memory.learned.level, desired.torque
+        inertia = diagonal(model.M)
+        level = memory.learned.level
         deviation = self.reference.advance(point, deviation, desired.returning, inertia, level)
         # The torque a period later, for which the drives are half way to τ* meanwhile.
-        held, drives = model.state.torque, self.observer.drives
-        half = 0.5 * (held + tau)
+        held = model.state.torque
+        drives = self.observer.drives
+        half = 0.5 * (held + desired.torque)
         half_way = model._replace(state=model.state._replace(torque=half))
-        later = evaluate_model(
-            context.models.after, self.predict_state(memory, half_way, half))
-        point_after = next_point(
-            point, memory.has_sample * (point.ddq - memory.ddq), self.reference.period)
-        after = self.desired_torque(memory, later, point_after, deviation)
-        tau = drives.command_for(tau, after.torque)                                   # (OF4)
-        sent = held + nearest(model.M, tau - held, drives.reach)
-        deviation = self.reference.relieve(deviation, tau - sent, model.M)
-        return Terms(sent + desired.z, now.zero, desired.z, now.zero), memory._replace(
-            deviation=deviation, ddq=point.ddq,
+        state_after = self.predict_state(memory, half_way, half)
+        model_after = evaluate_model(context.models.after, state_after)
+        ddq_step = memory.has_sample * (point.ddq - memory.ddq)
+        point_after = next_point(point, ddq_step, self.reference.period)
+        after = self.desired_torque(memory, model_after, point_after, deviation)
+        command = drives.command_for(desired.torque, after.torque)                # (OF4)
+        sent = held + nearest(model.M, command - held, drives.reach)
+        shortfall = command - sent
+        memory = memory._replace(
+            deviation=self.reference.relieve(deviation, shortfall, model.M),
+            ddq=point.ddq,
             standing=self.standstill.detect_standstill(memory.standing, point, inertia, level),
             oscillation=self.guard.update_oscillation(
-                memory.oscillation, desired.feedback, tau - sent))
+                memory.oscillation, desired.feedback, shortfall))
+        return Terms(sent + desired.z, now.zero, desired.z, now.zero), memory
 
     def predict_state(self, memory: Memory, model: ModelTerms, command: Array) -> Observed:
-        """Return the state a period later, under a command to the drives."""
+        """Return the state a period later, under a command."""
         return self.observer.predict(
             model.state, model.M, model.bias, memory.learned.level, command)
 
     def desired_torque(self, memory: Memory, model: ModelTerms, point: Desired,
                        deviation: Deviation) -> DesiredTorque:
-        """Return τ* in a state by (OF2), (OF3), (FR3) and (OF5), for a point of the reference."""
-        state, M, level, k = model.state, model.M, memory.learned.level, self.feedback_scale
+        """
+        Return τ* for a state and a reference.
+
+        It is by (OF2), (OF3), (FR3) and (OF5).
+        """
+        state = model.state
+        M = model.M
+        level = memory.learned.level
+        k = self.feedback_scale
         returning = self.reference.compute_recovery(deviation, diagonal(M), level)
         F = self.reference.feed_forward(point, level, 0.0)
         z = -nearest(M, state.perturbation + F, self.ka)
-        u = k * (dot(self.kv, point.dq + deviation.dx - state.dq)
-                 + k * dot(self.kp, point.q + deviation.x - state.q))
+        e = point.q + deviation.x - state.q
+        de = point.dq + deviation.dx - state.dq
+        u = k * (dot(self.kv, de) + k * dot(self.kp, e))
         feedback = dot(M, u)
         torque = dot(M, point.ddq + returning) + feedback + model.bias - z
         return DesiredTorque(torque, z, returning, feedback)
@@ -303,7 +345,11 @@ class ObserverFeedback(NamedTuple):
         deviation = self.reference.relieve(memory.deviation, applied.saturation_error, now.M)
         later = self.observer.predict(state, now.M, now.bias, learned.level, applied.tau)
         return memory._replace(
-            observed=later, mass=now.M, has_sample=1.0, learned=learned, deviation=deviation)
+            observed=later,
+            mass=now.M,
+            has_sample=1.0,
+            learned=learned,
+            deviation=deviation)
 
     def estimate(self, memory: Memory, now: State) -> Array:
         """Return P̂ with the friction of sliding."""
@@ -313,15 +359,24 @@ class ObserverFeedback(NamedTuple):
 @function
 def with_parts(kp: Array, kv: Array, ka: Array, initial_level: Array, observer: StateObserver,
                learning: FrictionLearner, bandwidth: float) -> ObserverFeedback:
-    """Return the law for its gains, and for ω [rad/s] of the observer."""
-    drives, stiffness = observer.drives, diagonal(kp)
-    pole, h, rate = np.sqrt(stiffness), drives.period, drives.rate
+    """Return the law for its gains and ω [rad/s]."""
+    drives = observer.drives
+    h = drives.period
+    rate = drives.rate
+    stiffness = diagonal(kp)
+    pole = np.sqrt(stiffness)
     return ObserverFeedback(
-        kp=kp, kv=kv, ka=ka, initial_level=initial_level, observer=observer,
+        kp=kp,
+        kv=kv,
+        ka=ka,
+        initial_level=initial_level,
+        observer=observer,
         reference=design_reference(stiffness, diagonal(kv), rate, drives.lag, h),
-        learning=learning, standstill=design_detector(bandwidth, ka, rate, h),
+        learning=learning,
+        standstill=design_detector(bandwidth, ka, rate, h),
         guard=design_guard(ka, rate, pole, h),
-        feedback_scale=1.0, least_scale=min(1.0, float(_LEAST_POLE / pole.max())))
+        feedback_scale=1.0,
+        least_scale=min(1.0, float(_LEAST_POLE / pole.max())))
 
 
 @function

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Law `pd_gravity`: a PD controller for each joint, with gravity compensated.
+Law `pd_gravity`: joint PD with gravity compensated.
 
 Takegaki & Arimoto, *A new feedback method for dynamic control of manipulators*, ASME J. Dynamic
 Systems, Measurement and Control 103, 1981. Kp and Kv are multiplied by the inertia

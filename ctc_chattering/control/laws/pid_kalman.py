@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-Law `pid_kalman`: PID with inverse dynamics, Kalman velocity, lead and friction fed forward.
+Law `pid_kalman`: PID with inverse dynamics.
+
+It also has a Kalman velocity, a lead, and friction fed forward.
 
 A steady-state Kalman filter of the measured position, for a random jerk, gives the velocity
 (Kalata, *The tracking index*, IEEE TAES 20, 1984). Over a period h = 1, with the jerk j, the
@@ -45,14 +47,15 @@ from ctc_chattering.control.laws.friction_feedforward import friction_ahead, Fri
 from ctc_chattering.control.laws.integral import integral_action, IntegralAction
 from ctc_chattering.control.recommended_gains import PoleRule
 from ctc_chattering.control.sample import Applied, Context, LastSample, MeasuredState, State, Terms
-from ctc_chattering.dynamics.drive_response import discretize_drives, DriveModel
+from ctc_chattering.dynamics.drive_response import DriveModel
+from ctc_chattering.numerics.box_qp import clip
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 
 @record
 class Kinematics(NamedTuple):
-    """Memory of the law; arrays of shape (n,)."""
+    """Memory of the law, in arrays of shape (n,)."""
 
     #: q̂ [rad], dq̂ [rad/s] and ddq̂ [rad/s²], predicted from the last sample.
     q: Array
@@ -94,13 +97,17 @@ class PidKalman(NamedTuple):
     def from_config(cls, config: ControllerConfig, period: float) -> PidKalman:
         """Return the law of a configuration."""
         h = period
-        drives = discretize_drives(
-            np.array(config.assumed_lag), np.array(config.torque_rate_limit), h)
+        drives = config.assumed_drives(h)
         k1, k2, k3 = kalman_gains(config.estimator_bandwidth * h).tolist()
         return cls(
-            position=k1, velocity=k2 / h, acceleration=k3 / h ** 2, period=h,
-            action=integral_action(config, h), friction=friction_ahead(config),
-            lead=np.exp(-h / (config.lead_ratio * drives.lag)), drives=drives)
+            position=k1,
+            velocity=k2 / h,
+            acceleration=k3 / h ** 2,
+            period=h,
+            action=integral_action(config, h),
+            friction=friction_ahead(config),
+            lead=np.exp(-h / (config.lead_ratio * drives.lag)),
+            drives=drives)
 
     def initial(self) -> Kinematics:
         """Return the memory before any sample."""
@@ -108,62 +115,82 @@ class PidKalman(NamedTuple):
         return Kinematics(*(zero,) * 7, has_sample=0.0)
 
     def initialized(self, now: State, estimate: Array) -> Kinematics:
-        """Set y so that it cancels the other law's estimate, beside friction."""
+        """Set y to cancel the estimate beside friction."""
         y = solve(now.M, estimate - self.friction.friction_torque(now.dq_d, now.ddq_d))
         return self.initial()._replace(integral=y)
 
     def predicted_state(self, memory: Kinematics, last: LastSample, context: Context
                         ) -> tuple[Array, Array]:
-        """Return q̂ and dq̂ as predicted; at first, by the model."""
+        """Return q̂ and dq̂ as predicted."""
         return observed_state(self, memory, last, context, memory.q, memory.dq)
 
     def corrected(self, memory: Kinematics, q: Array, dq: Array, held: Array
                   ) -> tuple[Kinematics, MeasuredState]:
-        """Return q and dq̂ of (PK2); at first the measured velocity."""
+        """
+        Return q and dq̂ of (PK2).
+
+        At the first sample it is the measured velocity.
+        """
         if memory.has_sample == 0.0:
             return memory._replace(q=q, dq=dq, torque=held), MeasuredState(q, dq)
         error = q - memory.q
         dq_hat = memory.dq + self.velocity * error
         corrected = memory._replace(
-            q=memory.q + self.position * error, dq=dq_hat,
+            q=memory.q + self.position * error,
+            dq=dq_hat,
             ddq=memory.ddq + self.acceleration * error)
         return corrected, MeasuredState(q, dq_hat)
 
     def answer(self, memory: Kinematics, now: State, context: Context
                ) -> tuple[Terms, Kinematics]:
-        """Return the terms of (PK4), for the state in which the torque arrives."""
-        state, held = predict_arrival(self, memory, now, context), memory.torque
+        """Return the terms of (PK4) at the arrival."""
+        state = predict_arrival(self, memory, now, context)
+        held = memory.torque
         for j in range(int(context.settings.delay)):
             held = self.drives.follow(held, context.in_transit(j)).end
         z = -self.estimate(memory, state)
-        desired, D, E = state.N - z, self.lead, self.drives.decay
+        desired = state.N - z
         command = desired
         if memory.has_sample != 0.0:
-            command = D * memory.sent + (1.0 - D) / (1.0 - E) * (desired - E * memory.desired)
+            D = self.lead
+            E = self.drives.decay
+            change = desired - E * memory.desired
+            command = D * memory.sent + (1.0 - D) / (1.0 - E) * change
         reach = self.drives.reach
-        sent = np.minimum(np.maximum(command, held - reach), held + reach)
+        sent = clip(command, held - reach, held + reach)
         y = self.action.relieved(memory.integral, state.M, command - sent)
-        return Terms(sent + z, now.zero, z, now.zero), memory._replace(
-            integral=y, desired=desired, sent=sent)
+        memory = memory._replace(integral=y, desired=desired, sent=sent)
+        return Terms(sent + z, now.zero, z, now.zero), memory
 
     def advanced(self, memory: Kinematics, now: State, applied: Applied) -> Kinematics:
         """Predict the next sample by (PK1), and advance y by (PK5)."""
         h = self.period
         y = self.action.integrated(memory.integral, now, applied.saturation_error)
-        torque = self.drives.follow(memory.torque, applied.tau).end
+        mean_dq = memory.dq + 0.5 * h * memory.ddq
         return memory._replace(
-            q=memory.q + h * (memory.dq + 0.5 * h * memory.ddq), dq=memory.dq + h * memory.ddq,
-            integral=y, torque=torque, has_sample=1.0)
+            q=memory.q + h * mean_dq,
+            dq=memory.dq + h * memory.ddq,
+            integral=y,
+            torque=self.drives.follow(memory.torque, applied.tau).end,
+            has_sample=1.0)
 
     def estimate(self, memory: Kinematics, now: State) -> Array:
         """Return M y + F."""
-        return dot(now.M, memory.integral) + self.friction.friction_torque(now.dq_d, now.ddq_d)
+        F = self.friction.friction_torque(now.dq_d, now.ddq_d)
+        return dot(now.M, memory.integral) + F
 
 
 def kalman_gains(bandwidth: float) -> Array:
-    """Return k of (PK2), shape (3,), for ω h; (PK1) is scaled by h."""
+    """
+    Return k of (PK2), shape (3,), for ω h.
+
+    (PK1) is scaled by h.
+    """
     from scipy.linalg import solve_discrete_are  # type: ignore[import-untyped]  # Slow to import.
-    A = np.array(((1.0, 1.0, 0.5), (0.0, 1.0, 1.0), (0.0, 0.0, 1.0)))
+    A = np.array((
+        (1.0, 1.0, 0.5),
+        (0.0, 1.0, 1.0),
+        (0.0, 0.0, 1.0)))
     g = bandwidth ** 3 * np.array((1.0 / 6.0, 0.5, 1.0))
     c = np.array((1.0, 0.0, 0.0))
     variance = solve_discrete_are(A.T, c[:, np.newaxis], np.outer(g, g), np.eye(1))

@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-The names of laws and switchings, the classes behind them, and the parameters that laws take.
+Names and classes of laws and switchings.
+
+It also has the parameters that laws take.
 
 `ControllerConfig` asks here, so nothing here imports a law before a name is looked up. A name is
 one of `LAWS` or `SWITCHINGS`, or ``package.module:Name`` for a class of the user's.
@@ -42,30 +44,48 @@ COMMON_GAINS = ('kp', 'kv')
 
 
 def law_class(name: str) -> Any:
-    """Return the class of a law, with what `laws.base.Law` has."""
+    """
+    Return the class of a law.
+
+    It has what `laws.base.Law` has.
+    """
     return _marked_class('law', name, f'ctc_chattering.control.laws.{name}', 'answer')
 
 
 def switchings_of(law: str) -> tuple[str, ...]:
-    """Return the switchings that a law can have; none for a law without one."""
+    """Return the switchings that a law can have."""
     return SWITCHINGS if 'switching' in (law_class(law).parameters or ()) else ()
 
 
 def switching_class(name: str) -> Any:
-    """Return the class of a switching, with what `control.switching.Switching` has."""
+    """
+    Return the class of a switching.
+
+    It has what `control.switching.Switching` has.
+    """
     return _marked_class('switching', name, 'ctc_chattering.control.switching', 'term')
 
 
 def _marked_class(decorator: str, name: str, module: str, method: str) -> Any:
-    """Return the class `name`; a class of the package has its name in CamelCase."""
-    path = name if ':' in name else f'{module}:{name.title().replace("_", "")}'
-    return named_class(decorator, path, lambda x: x in RECORDS and hasattr(x, method),
-                       f'class marked by @{decorator}')
+    """
+    Return the class `name`.
+
+    A class of the package has its name in CamelCase.
+    """
+    path = name
+    if ':' not in name:
+        class_name = name.title().replace('_', '')
+        path = f'{module}:{class_name}'
+    return named_class(
+        decorator,
+        path,
+        lambda x: x in RECORDS and hasattr(x, method),
+        f'class marked by @{decorator}')
 
 
 @cache
 def laws_by_parameter() -> dict[str, tuple[str, ...]]:
-    """Return the laws that declare a parameter, by the name of the parameter."""
+    """Return the laws that declare each parameter."""
     takers: dict[str, tuple[str, ...]] = {}
     for law in LAWS:
         for name in law_class(law).parameters or ():
@@ -74,7 +94,11 @@ def laws_by_parameter() -> dict[str, tuple[str, ...]]:
 
 
 def takes(law: str, parameter: str) -> bool:
-    """Return whether a law takes a parameter; one that declares none takes all."""
+    """
+    Return whether a law takes a parameter.
+
+    A law that declares none takes all.
+    """
     if parameter not in laws_by_parameter():
         return True
     declared = law_class(law).parameters

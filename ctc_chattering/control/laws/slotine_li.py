@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Law `slotine_li`: the passivity-based adaptive law, which adapts the level of friction.
+Law `slotine_li`: passivity-based, with adapted friction.
 
 Slotine & Li, *On the adaptive control of robot manipulators*, IJRR 6(3), 1987, with Coulomb's
 friction f as the one unknown parameter of each joint::
@@ -77,16 +77,24 @@ class SlotineLi(NamedTuple):
     def from_config(cls, config: ControllerConfig, period: float) -> SlotineLi:
         """Return the law of a configuration."""
         n = len(config.joint_names)
-        return cls(np.linalg.pinv(matrix(config.kv, n)).dot(matrix(config.kp, n)),
-                   config.friction_velocity, period * np.array(config.adaptation_gain),
-                   np.array(config.friction_level), float(config.anti_windup))
+        inverse = np.linalg.pinv(matrix(config.kv, n))
+        return cls(
+            ratio=inverse.dot(matrix(config.kp, n)),
+            width=config.friction_velocity,
+            gain=period * np.array(config.adaptation_gain),
+            initial_level=np.array(config.friction_level),
+            anti_windup=float(config.anti_windup))
 
     def initial(self) -> Adapted:
         """Return the configured level."""
         return Adapted(self.initial_level)
 
     def initialized(self, now: State, estimate: Array) -> Adapted:
-        """Take f̂ from the estimate on joints that move, the configured level on others."""
+        """
+        Take f̂ of moving joints from the estimate.
+
+        Joints at rest have the configured level.
+        """
         y = self.regressor(now)
         is_moving = np.abs(y) > 0.5
         level = np.maximum(estimate / np.where(is_moving, y, 1.0), 0.0)
@@ -98,16 +106,18 @@ class SlotineLi(NamedTuple):
 
     def terms(self, memory: Adapted, state: State) -> tuple[Terms, Adapted]:
         """Return the terms of (SL2)."""
-        M, ddq_r = state.M, state.ddq_d + dot(self.ratio, state.de)
+        M = state.M
         dq_r = state.dq_d + dot(self.ratio, state.e)
-        nominal = dot(M, ddq_r) + dot(state.C, dq_r) + state.G + state.u / inverse_diagonal(M)
-        robust = -memory.level * np.tanh(dq_r / self.width)
+        ddq_r = state.ddq_d + dot(self.ratio, state.de)
+        feedback = state.u / inverse_diagonal(M)
+        nominal = dot(M, ddq_r) + dot(state.C, dq_r) + state.G + feedback
+        robust = -memory.level * self.regressor(state)
         return Terms(nominal, state.zero, robust, state.zero), memory
 
     def advanced(self, memory: Adapted, now: State, applied: Applied) -> Adapted:
         """Adapt f̂ by (SL3)."""
-        slip = dot(self.ratio, now.e)
-        change = self.gain * np.tanh((now.dq_d + slip) / self.width) * (now.de + slip)
+        s = now.de + dot(self.ratio, now.e)
+        change = self.gain * self.regressor(now) * s
         if self.anti_windup != 0.0:
             change = np.where(applied.saturation_error == 0.0, change, 0.0)
         return Adapted(np.maximum(memory.level + change, 0.0))

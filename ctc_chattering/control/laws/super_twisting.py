@@ -51,7 +51,7 @@ import numpy as np
 
 @record
 class Twisted(NamedTuple):
-    """Memory of the law; arrays of shape (n,)."""
+    """Memory of the law, in arrays of shape (n,)."""
 
     #: w [rad/s²].
     w: Array
@@ -74,8 +74,10 @@ class SuperTwisting(NamedTuple):
     @classmethod
     def from_config(cls, config: ControllerConfig, period: float) -> SuperTwisting:
         """Return the law of a configuration."""
-        return cls(design_filter(config.lambda_, config.b, period),
-                   np.array(config.super_twisting_k1), period * np.array(config.super_twisting_k2))
+        return cls(
+            design_filter(config.lambda_, config.b, period),
+            k1=np.array(config.super_twisting_k1),
+            jump=period * np.array(config.super_twisting_k2))
 
     def initial(self) -> Twisted:
         """Return w = 0."""
@@ -87,16 +89,23 @@ class SuperTwisting(NamedTuple):
         return Twisted(w, w)
 
     def terms(self, memory: Twisted, state: State) -> tuple[Terms, Twisted]:
-        """Return the terms of N - M a, and remember w of the next sample."""
+        """
+        Return the terms of N - M a.
+
+        The memory has w of the next sample.
+        """
         bh = self.filter.scale
         r = self.filter.nominal_response(state.v, state.u) - bh * memory.w
-        linear, bound = bh * self.k1, bh * self.jump
+        linear = bh * self.k1
+        bound = bh * self.jump
         excess = np.maximum(np.abs(r) - bound, 0.0)
-        root = 2.0 * excess / (linear + np.sqrt(linear * linear + 4.0 * excess))    # √|v⁺|
+        discriminant = linear * linear + 4.0 * excess
+        root = 2.0 * excess / (linear + np.sqrt(discriminant))                      # √|v⁺|
         xi = np.minimum(np.maximum(r / bound, -1.0), 1.0)
         w = memory.w + self.jump * xi                                               # (ST3)
         a = self.k1 * root * np.sign(r) + w
-        return Terms(state.N, state.zero, dot(state.M, a), state.zero), Twisted(memory.w, w)
+        terms = Terms(state.N, state.zero, dot(state.M, a), state.zero)
+        return terms, Twisted(memory.w, w)
 
     def advanced(self, memory: Twisted, now: State, applied: Applied) -> Twisted:
         """Advance w."""
