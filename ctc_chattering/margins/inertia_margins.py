@@ -84,11 +84,18 @@ class ArmInertia(NamedTuple):
     def _largest_lacking(self, ratios: StableRange) -> float:
         """Return the largest rotors of (AM2)."""
         added = self._range(
-            ratios, lambda body, x: body + x * self.effort, _ROTOR_GRID[0], _ROTOR_GRID)
+            ratios,
+            lambda body, x: body + x * self.effort,
+            _ROTOR_GRID[0],
+            _ROTOR_GRID)
         return added.high if added else 0.0
 
-    def _range(self, ratios: StableRange, actual: Callable[[Array, float], Array],
-               start: float = 1.0, grid: Array = RATIO_GRID) -> StableRange | None:
+    def _range(
+            self,
+            ratios: StableRange,
+            actual: Callable[[Array, float], Array],
+            start: float = 1.0,
+            grid: Array = RATIO_GRID) -> StableRange | None:
         """Return the numbers with eigenvalues within `ratios`."""
 
         def excess(x: float) -> float:

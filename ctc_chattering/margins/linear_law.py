@@ -78,13 +78,19 @@ class LinearLaw(NamedTuple):
     def one_joint(self) -> LinearLaw:
         """Return the first of joints that are independent and equal."""
         columns = np.array([0, len(self.D)])
-        B = self.B[:, columns]
-        reached = _reach(self.A, B)
-        return LinearLaw(
-            self.A[np.ix_(reached, reached)],
-            B[reached],
-            self.C[:1, reached],
+        whole = LinearLaw(
+            self.A,
+            self.B[:, columns],
+            self.C[:1],
             self.D[:1, columns])
+        return whole.only(_reach(whole.A, whole.B))
+
+    def only(self, states: Flags) -> LinearLaw:
+        """Return the system of some of its states."""
+        return self._replace(
+            A=self.A[np.ix_(states, states)],
+            B=self.B[states],
+            C=self.C[:, states])
 
 
 def _reach(A: Array, B: Array) -> Flags:
@@ -149,7 +155,8 @@ def linear_law(config: ControllerConfig, mass: Array) -> LinearLaw:
     scale = motion.sensitivity()
     change = motion.differences(_DIFFERENCE, scale)
     larger = motion.differences(_LARGER_DIFFERENCE, scale)
-    if not np.abs(change - larger).max() <= 1e-3 * np.abs(change).max():
+    gap = np.abs(change - larger).max()
+    if not gap <= 1e-3 * np.abs(change).max():
         name = f'{config.law} {config.switching_in_force}'.strip()
         raise CtcError(
             f'law {name} is not linear near a steady motion; its stability is not computed')
@@ -180,8 +187,8 @@ class _SteadyMotion:
         self._period = controller.settings.period
         self._zeros = np.zeros(len(mass))
         self._ones = np.ones(len(mass))
-        delay = config.input_delay
-        for k in range(-_SETTLING_SAMPLES - 2 * delay, 0):
+        settling = _SETTLING_SAMPLES + 2 * config.input_delay
+        for k in range(-settling, 0):
             points = self._points(k)
             q, dq, _ = points[0]
             self._answer(q, dq, points)
@@ -199,7 +206,8 @@ class _SteadyMotion:
         """Return the reference from sample `k` on."""
         points: list[Point] = []
         for j in range(self._controller.config.input_delay + 1):
-            q_d = (k + j) * self._period * self._ones
+            t = (k + j) * self._period
+            q_d = t * self._ones
             points.append((q_d, self._ones, self._zeros))  # type: ignore[arg-type]
         return points
 
@@ -211,15 +219,17 @@ class _SteadyMotion:
         transit = np.roll(controller.transit, -TRANSIT_ROWS * transit_index, axis=0)
         control = memories.control._replace(transit_index=0.0)
         record = packed(memories._replace(control=control))
-        return np.concatenate([np.frombuffer(record.tobytes()), transit.ravel()])
+        numbers = np.frombuffer(record.tobytes())
+        return np.concatenate([numbers, transit.ravel()])
 
     def _step(self, values: Array) -> Array:
         """Return memory and τ a period later."""
         controller = self._controller
         ends = self._layout.itemsize // 8, self.states
-        record, transit, y = np.split(values, ends)
+        numbers, transit, y = np.split(values, ends)
         controller.transit[:] = transit.reshape(controller.transit.shape)
-        controller.memories = load(np.frombuffer(record.tobytes(), self._layout)[0])
+        record, = np.frombuffer(numbers.tobytes(), self._layout)
+        controller.memories = load(record)
         q, dq = np.split(y, 2)
         tau = self._answer(q, dq, self._points(0))
         return np.concatenate([self._memory(), tau])
@@ -244,8 +254,9 @@ class _SteadyMotion:
             disturbed = self._values + np.concatenate([deviation, y])
             deviation = self._step(disturbed)[:m] - undisturbed
             largest = np.maximum(largest, np.abs(deviation) / _DIFFERENCE)
-        rounding = _ROUNDING * np.maximum(np.abs(self._values[:m]), 1.0)
-        return np.concatenate([np.where(largest > rounding, largest, 0.0), noise])
+        size = np.maximum(np.abs(self._values[:m]), 1.0)
+        reached = np.where(largest > _ROUNDING * size, largest, 0.0)
+        return np.concatenate([reached, noise])
 
     def differences(self, size: float, scale: Array) -> Array:
         """
@@ -259,19 +270,25 @@ class _SteadyMotion:
         for k in np.flatnonzero(scale):
             d = np.zeros(len(values))
             d[k] = size * scale[k]
-            difference = self._step(values + d) - self._step(values - d)
-            change[:, k] = difference / (2.0 * size)
-        change[:m] /= np.where(scale, scale, np.inf)[:m, np.newaxis]
+            above = self._step(values + d)
+            below = self._step(values - d)
+            change[:, k] = (above - below) / (2.0 * size)
+        divisor = np.where(scale, scale, np.inf)
+        change[:m] /= divisor[:m, np.newaxis]
         return change
 
 
 def _minimal(change: Array, scale: Array, m: int) -> LinearLaw:
     """Return the part between y and τ, unscaled."""
-    largest = np.abs(change).max(axis=1, keepdims=True, initial=1e-300)
-    change = np.where(np.abs(change) > _ROUNDING * largest, change, 0.0)
-    A = change[:m, :m]
-    B = change[:m, m:] / scale[m:]
-    C = change[m:, :m]
-    D = change[m:, m:] / scale[m:]
-    is_kept = _reach(A.T, C.T) & (scale[:m] > 0.0)
-    return LinearLaw(A[np.ix_(is_kept, is_kept)], B[is_kept], C[:, is_kept], D)
+    size = np.abs(change)
+    largest = size.max(axis=1, keepdims=True, initial=1e-300)
+    change = np.where(size > _ROUNDING * largest, change, 0.0)
+    of_memory, of_torque = change[:m], change[m:]
+    y_scale = scale[m:]
+    A = of_memory[:, :m]
+    B = of_memory[:, m:] / y_scale
+    C = of_torque[:, :m]
+    D = of_torque[:, m:] / y_scale
+    reaches_torque = _reach(A.T, C.T)
+    is_reached = scale[:m] > 0.0
+    return LinearLaw(A, B, C, D).only(reaches_torque & is_reached)

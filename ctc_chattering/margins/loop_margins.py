@@ -64,9 +64,11 @@ def stable_range(radius: Callable[[float], float], start: float, grid: Array
     """
     if not radius(start) < 1.0:
         return None
-    low = _last_stable(radius, start, np.flip(grid[grid < start]))
-    high = _last_stable(radius, start, grid[grid > start])
-    return StableRange(low, high)
+    below = np.flip(grid[grid < start])
+    above = grid[grid > start]
+    return StableRange(
+        _last_stable(radius, start, below),
+        _last_stable(radius, start, above))
 
 
 def _last_stable(radius: Callable[[float], float], start: float, side: Array) -> float:
@@ -163,7 +165,7 @@ class Loops:
     @cached_property
     def sampled(self) -> list[SampledLoop]:
         """Loops of all M̂."""
-        return [self._close(law, mass) for law, mass in zip(self.laws, self.masses)]
+        return list(map(self._close, self.laws, self.masses))
 
     def _close(self, law: LinearLaw, mass: Array) -> SampledLoop:
         """
@@ -175,22 +177,26 @@ class Loops:
         h = self.period
         # Rows of an identity: the state, which is q, dq, torque of the drives, torques in
         # transit, last q and the memory of the law.
-        sizes = [n, n, n, self.delay * n, n if self.differenced else 0, len(law.A)]
+        last_q_size = n if self.differenced else 0
+        sizes = [n, n, n, self.delay * n, last_q_size, len(law.A)]
         identity = np.eye(sum(sizes))
-        q, dq, torque, transit, last_q, memory = np.split(identity, np.cumsum(sizes)[:-1])
-        y = np.vstack([q, (q - last_q) / h if self.differenced else dq])
+        ends = np.cumsum(sizes)[:-1]
+        q, dq, torque, transit, last_q, memory = np.split(identity, ends)
+        velocity = (q - last_q) / h if self.differenced else dq
+        y = np.vstack([q, velocity])
         sent = law.C @ memory + law.D @ y
         commands = np.vstack([transit, sent])
         command = commands[:n]
 
         drives = discretize_drives(self.lag, np.full(n, np.inf), h)
         gap = torque - command
-        mean = command + drives.mean[:, np.newaxis] * gap
-        weighted = command + drives.weighted[:, np.newaxis] * gap
+        decay, mean, weighted = (
+            command + share[:, np.newaxis] * gap
+            for share in (drives.decay, drives.mean, drives.weighted))
         A = np.vstack([
             q + h * dq,
             dq,
-            command + drives.decay[:, np.newaxis] * gap,
+            decay,
             commands[n:],
             q[:len(last_q)],
             law.A @ memory + law.B @ y])
@@ -198,9 +204,12 @@ class Loops:
         values, vectors = np.linalg.eigh(mass)
         root = vectors / np.sqrt(values) @ vectors.T
         B = np.zeros((len(A), 2 * n))
-        B[:n, :n] = B[:n, n:] = 0.5 * h * h * root
+        B[:n, :n] = 0.5 * h * h * root
+        B[:n, n:] = B[:n, :n]
         B[n:2 * n, :n] = h * root
-        C = np.vstack([root @ mean, root @ (weighted - mean)])
+        C = np.vstack([
+            root @ mean,
+            root @ (weighted - mean)])
         scale = np.repeat([1.0, _SCALE], n)
         return SampledLoop(A, B / scale, scale[:, np.newaxis] * C)
 
@@ -227,15 +236,18 @@ class Loops:
         def interval(c: float) -> StableRange:
             if not self.radius(c) < 1.0:
                 return StableRange(c, c)
-            gain = max(peak_gain(loop.closed(c), loop.B, loop.C) for loop in self.sampled)
-            return StableRange(c - 1.0 / gain, c + 1.0 / gain)
+            gains = [peak_gain(loop.closed(c), loop.B, loop.C) for loop in self.sampled]
+            d = 1.0 / max(gains)
+            return StableRange(c - d, c + d)
 
         def nearer_end(c: float) -> float:
             """Return the factor from 1 to the nearer end."""
             low, high = interval(c)
-            return min(high, 1.0 / max(low, 1e-9))
+            below = 1.0 / max(low, 1e-9)
+            return min(high, below)
 
-        best = int(np.argmax(list(map(nearer_end, _CENTRES))))
+        ends = list(map(nearer_end, _CENTRES))
+        best = int(np.argmax(ends))
         lower = _CENTRES[max(best - 1, 0)]
         upper = _CENTRES[min(best + 1, len(_CENTRES) - 1)]
         result = minimize_scalar(
@@ -252,7 +264,8 @@ class Loops:
         They are around the robot's lag, or around the shortest stable one.
         """
         def radius(lag: float) -> float:
-            return dataclasses.replace(self, lag=np.full_like(self.lag, lag)).radius(ratio)
+            lags = np.full_like(self.lag, lag)
+            return dataclasses.replace(self, lag=lags).radius(ratio)
 
         lag = float(self.lag.max())
         lateness = lag + self.period * (1 + self.delay)
@@ -263,9 +276,11 @@ class Loops:
 
     def delays(self, ratio: float = 1.0) -> tuple[int, ...]:
         """Return the true delays with stable poles [samples]."""
-        return tuple(
-            delay for delay in range(self.delay + _MORE_DELAYS)
-            if dataclasses.replace(self, delay=delay).radius(ratio) < 1.0)
+        def radius(delay: int) -> float:
+            return dataclasses.replace(self, delay=delay).radius(ratio)
+
+        candidates = range(self.delay + _MORE_DELAYS)
+        return tuple(delay for delay in candidates if radius(delay) < 1.0)
 
     def margins(self) -> Margins:
         """Compute all margins."""

@@ -39,7 +39,9 @@ _MAX_TURNS = 2.0 ** 52
 def turns_to(angle: float, target: float) -> int:
     """Return whole turns that bring an angle near `target`."""
     turns = (target - angle) / TURN
-    return round(turns) if -_MAX_TURNS < turns < _MAX_TURNS else 0
+    if not -_MAX_TURNS < turns < _MAX_TURNS:
+        return 0
+    return round(turns)
 
 
 def turned(angle: float, turns: int) -> float:
@@ -54,15 +56,21 @@ def nearest(angle: float, target: float) -> float:
 
 def expected(angle: float, velocity_before: float, velocity: float, h: float) -> float:
     """Predict an angle after `h` [s] from two velocities."""
-    return angle + 0.5 * h * (velocity_before + velocity)
+    doubled_mean = velocity_before + velocity
+    return angle + 0.5 * h * doubled_mean
 
 
 def within_turn(angle: float, lower: float) -> float:
     """Return an angle's representative in [`lower`, `lower` + 2π)."""
-    return angle - TURN * floor((angle - lower) / TURN)
+    turns = floor((angle - lower) / TURN)
+    return angle - TURN * turns
 
 
-def unwrapped(t: Array, q: Array, dq: Array | None, continuous: Sequence[bool]) -> Array:
+def unwrapped(
+        t: Array,
+        q: Array,
+        dq: Array | None,
+        continuous: Sequence[bool]) -> Array:
     """
     Return positions with continuous angles, by (AN1).
 
@@ -85,16 +93,24 @@ def unwrapped(t: Array, q: Array, dq: Array | None, continuous: Sequence[bool]) 
         if dq is not None:
             velocity = np.nan_to_num(dq[:, joint], nan=0.0)
             mean = 0.5 * (velocity[1:] + velocity[:-1])
-            step[:len(mean)] -= mean * np.diff(t[:len(velocity)])
+            h = np.diff(t[:len(velocity)])
+            step[:len(mean)] -= mean * h
         turns = np.rint(step / TURN)
-        if turns.any():
-            result = q.copy() if result is q else result
-            result[1:, joint] -= TURN * np.cumsum(turns)
+        if not turns.any():
+            continue
+        if result is q:
+            result = q.copy()
+        result[1:, joint] -= TURN * np.cumsum(turns)
     return result
 
 
-def unwrapped_beside(t: Array, q: Array, dq: Array, target: Array, continuous: Sequence[bool],
-                     gaps: Sequence[int]) -> Array:
+def unwrapped_beside(
+        t: Array,
+        q: Array,
+        dq: Array,
+        target: Array,
+        continuous: Sequence[bool],
+        gaps: Sequence[int]) -> Array:
     """
     Return `unwrapped` positions beside a desired motion.
 
@@ -110,12 +126,14 @@ def unwrapped_beside(t: Array, q: Array, dq: Array, target: Array, continuous: S
         Indices of the samples behind a gap of many samples.
 
     """
-    if not any(continuous):
+    joints = np.flatnonzero(continuous).tolist()
+    if not joints:
         return q
     result: Array = q.copy()
     for rows in np.split(np.arange(len(t)), gaps):
         result[rows] = unwrapped(t[rows], q[rows], dq[rows], continuous)
-        for joint in np.flatnonzero(continuous).tolist():
-            start = rows[0], joint
-            result[rows, joint] += TURN * turns_to(float(result[start]), float(target[start]))
+        begin = rows[0]
+        for joint in joints:
+            turns = turns_to(result[begin, joint], target[begin, joint])
+            result[rows, joint] += TURN * turns
     return result

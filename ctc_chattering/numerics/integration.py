@@ -39,8 +39,14 @@ def simpson(x: Array, sixth: float, k1: Array, k2: Array, k3: Array, k4: Array) 
 
 
 @function
-def runge_kutta(f: Callable[[Any, Array, Array, Array], Array], system: Any, q: Array, dq: Array,
-                ddq: Array, load: Load, h: float) -> tuple[Array, Array]:
+def runge_kutta(
+        f: Callable[[Any, Array, Array, Array], Array],
+        system: Any,
+        q: Array,
+        dq: Array,
+        ddq: Array,
+        load: Load,
+        h: float) -> tuple[Array, Array]:
     """
     Return q and dq after a Runge-Kutta step.
 
@@ -61,6 +67,7 @@ def runge_kutta(f: Callable[[Any, Array, Array, Array], Array], system: Any, q: 
 
     """
     half = 0.5 * h
+    sixth = h / 6.0
     middle, end = load
     v2 = dq + half * ddq
     a2 = f(system, q + half * dq, v2, middle)
@@ -68,7 +75,9 @@ def runge_kutta(f: Callable[[Any, Array, Array, Array], Array], system: Any, q: 
     a3 = f(system, q + half * v2, v3, middle)
     v4 = dq + h * a3
     a4 = f(system, q + h * v3, v4, end)
-    return simpson(q, h / 6.0, dq, v2, v3, v4), simpson(dq, h / 6.0, ddq, a2, a3, a4)
+    end_q = simpson(q, sixth, dq, v2, v3, v4)
+    end_dq = simpson(dq, sixth, ddq, a2, a3, a4)
+    return end_q, end_dq
 
 
 #: Weights of the results of 1, 2, 3 and 4 steps that cancel the errors in h, h² and h³.
@@ -76,8 +85,13 @@ _WEIGHTS = (-1.0 / 6.0, 4.0, -13.5, 32.0 / 3.0)
 
 
 @function
-def extrapolated_euler(f: Callable[[Any, Array, Array, Array, float], Array], system: Any,
-                       q: Array, dq: Array, load: Array, h: float) -> tuple[Array, Array]:
+def extrapolated_euler(
+        f: Callable[[Any, Array, Array, Array, float], Array],
+        system: Any,
+        q: Array,
+        dq: Array,
+        load: Array,
+        h: float) -> tuple[Array, Array]:
     """
     Return q and dq after extrapolated Euler steps.
 
@@ -107,8 +121,9 @@ def extrapolated_euler(f: Callable[[Any, Array, Array, Array, float], Array], sy
         for _ in range(i + 1):
             v = v + s * f(system, q + moved, v, load, s)
             moved = moved + s * v
-        end_q = end_q + _WEIGHTS[i] * moved
-        end_dq = end_dq + _WEIGHTS[i] * v
+        weight = _WEIGHTS[i]
+        end_q = end_q + weight * moved
+        end_dq = end_dq + weight * v
     return end_q, end_dq
 
 
@@ -119,8 +134,12 @@ _MAX_STEPS = 330
 
 
 @function
-def first_negative(f: Callable[[Any, float], float], system: Any, end: float, f_end: float,
-                   tol: float) -> float:
+def first_negative(
+        f: Callable[[Any, float], float],
+        system: Any,
+        end: float,
+        f_end: float,
+        tol: float) -> float:
     """
     Return the first s at which f(system, s) < 0.
 
@@ -158,7 +177,8 @@ def first_negative(f: Callable[[Any, float], float], system: Any, end: float, f_
         if high - low <= tol:
             break
         bisects = step % _BISECTION_INTERVAL == _BISECTION_INTERVAL - 1
-        s = low + (high - low) * (0.5 if bisects else f_low / (f_low - f_high))
+        share = 0.5 if bisects else f_low / (f_low - f_high)
+        s = low + (high - low) * share
         if not low < s < high:
             s = 0.5 * (low + high)
         value = f(system, s)

@@ -39,24 +39,38 @@ class CurvePoint(NamedTuple):
 def linear(s: float, h: float, x0: float, x1: float) -> CurvePoint:
     """Evaluate the straight line from `x0` to `x1`."""
     d = x1 - x0
-    return CurvePoint(x0 + s * d, d / h, 0.0)
+    x = x0 + s * d
+    return CurvePoint(x, d / h, 0.0)
 
 
-def cubic(s: float, h: float, x0: float, v0: float, x1: float, v1: float) -> CurvePoint:
+def cubic(
+        s: float,
+        h: float,
+        x0: float,
+        v0: float,
+        x1: float,
+        v1: float) -> CurvePoint:
     """Evaluate the cubic with velocities at its ends."""
     v0 = v0 * h
     v1 = v1 * h
     d = x1 - x0
     c2 = 3.0 * d - 2.0 * v0 - v1
     c3 = v0 + v1 - 2.0 * d
-    return CurvePoint(
-        x0 + s * (v0 + s * (c2 + s * c3)),
-        (v0 + s * (2.0 * c2 + s * 3.0 * c3)) / h,
-        (2.0 * c2 + s * 6.0 * c3) / (h * h))
+    x = x0 + s * (v0 + s * (c2 + s * c3))
+    dx = v0 + s * (2.0 * c2 + s * 3.0 * c3)
+    ddx = 2.0 * c2 + s * 6.0 * c3
+    return CurvePoint(x, dx / h, ddx / (h * h))
 
 
-def quintic(s: Any, h: float, x0: float, v0: float, a0: float, x1: float, v1: float,
-            a1: float) -> CurvePoint:
+def quintic(
+        s: Any,
+        h: float,
+        x0: float,
+        v0: float,
+        a0: float,
+        x1: float,
+        v1: float,
+        a1: float) -> CurvePoint:
     """Evaluate the quintic with accelerations `a0`, `a1` at its ends."""
     v0 = v0 * h
     v1 = v1 * h
@@ -67,10 +81,10 @@ def quintic(s: Any, h: float, x0: float, v0: float, a0: float, x1: float, v1: fl
     c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1
     c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1
     c5 = 6.0 * d - 3.0 * (v0 + v1) - 0.5 * (a0 - a1)
-    return CurvePoint(
-        x0 + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5)))),
-        (v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / h,
-        (2.0 * c2 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))) / (h * h))
+    x = x0 + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5))))
+    dx = v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))
+    ddx = 2.0 * c2 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))
+    return CurvePoint(x, dx / h, ddx / (h * h))
 
 
 def interpolated(t: Array, x: Array, new_t: Array) -> Array:
@@ -87,4 +101,5 @@ def interpolated(t: Array, x: Array, new_t: Array) -> Array:
     """
     from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]  # Takes time.
     # Column by column, since coefficients of all columns of a long series need much memory.
-    return np.column_stack([CubicSpline(t, column)(new_t) for column in x.T])
+    columns = [CubicSpline(t, column)(new_t) for column in x.T]
+    return np.column_stack(columns)

@@ -48,6 +48,7 @@ class LeakyBucket:
         Return the excess over the capacity.
         """
         leaked = self._rate * (now - self._time)
-        self._level = max(self._level - leaked, 0.0) + amount
+        remaining = max(self._level - leaked, 0.0)
+        self._level = remaining + amount
         self._time = now
         return max(self._level - self._capacity, 0.0)

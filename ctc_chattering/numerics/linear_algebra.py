@@ -58,34 +58,45 @@ def peak_gain(A: Array, B: Array, C: Array) -> float:
 
     """
     from scipy import linalg  # type: ignore[import-untyped]
-    if not np.abs(np.linalg.eigvals(A)).max(initial=0.0) < 1.0:
+    poles = np.linalg.eigvals(A)
+    if not np.abs(poles).max(initial=0.0) < 1.0:
         return np.inf
     m = len(A)
     A, (scale, _) = linalg.matrix_balance(A, permute=False, separate=True)
     B = B / scale[:, np.newaxis]
     C = C * scale
-    angles = np.concatenate([[0.0], np.geomspace(1e-5, np.pi, _GRID_SIZE)])
+    upper_half = np.geomspace(1e-5, np.pi, _GRID_SIZE)
+    angles = np.concatenate([[0.0], upper_half])
     level = _gain(A, B, C, angles)
     if level == 0.0:
         return 0.0
     zero = np.zeros((m, m))
     identity = np.eye(m)
-    pencil_left = np.block([[identity, zero], [C.T @ C, A.T]])
-    pencil_right = np.block([[A, B @ B.T], [zero, identity]])
+    pencil_left = np.block([
+        [identity, zero],
+        [C.T @ C, A.T]])
+    pencil_right = np.block([
+        [A, B @ B.T],
+        [zero, identity]])
     for _ in range(_MAX_ITERATIONS):
         level *= 1.0 + _RELATIVE_TOLERANCE
         pencil_right[:m, m:] = B @ B.T / level ** 2
         roots = linalg.eigvals(pencil_right, pencil_left)
-        on_circle = np.abs(np.abs(roots) - 1.0) < _CIRCLE_TOLERANCE
+        distance = np.abs(np.abs(roots) - 1.0)
+        on_circle = distance < _CIRCLE_TOLERANCE
         if not on_circle.any():
             break
         angles = np.sort(np.abs(np.angle(roots[on_circle])))
         midpoints = 0.5 * (angles[1:] + angles[:-1])
-        level = max(level, _gain(A, B, C, np.concatenate([angles, midpoints])))
+        more_angles = np.concatenate([angles, midpoints])
+        level = max(level, _gain(A, B, C, more_angles))
     return level
 
 
 def _gain(A: Array, B: Array, C: Array, angles: Array) -> float:
     """Return the largest singular value at exp(j angle)."""
-    z = np.exp(1j * angles)[:, np.newaxis, np.newaxis] * np.eye(len(A))
-    return float(np.linalg.svd(C @ np.linalg.solve(z - A, B), compute_uv=False).max())
+    z = np.exp(1j * angles)
+    pencils = z[:, np.newaxis, np.newaxis] * np.eye(len(A)) - A
+    responses = C @ np.linalg.solve(pencils, B)
+    singular_values = np.linalg.svd(responses, compute_uv=False)
+    return float(singular_values.max())

@@ -47,8 +47,9 @@ def period_ns(control_period: float) -> int:
         If it is not a whole, positive number of nanoseconds (to one part in 1e9).
 
     """
-    ns = round(control_period * NANOSECONDS) if 0.0 < control_period < 1e9 else 0
-    if ns < 1 or abs(control_period * NANOSECONDS - ns) > _PERIOD_TOLERANCE * ns:
+    exact = control_period * NANOSECONDS
+    ns = round(exact) if 0.0 < control_period < 1e9 else 0
+    if ns < 1 or abs(exact - ns) > _PERIOD_TOLERANCE * ns:
         raise ParameterError(
             'control_period', control_period, 'a positive whole number of nanoseconds')
     return ns
@@ -80,4 +81,5 @@ def missing(t: npt.NDArray[np.float64], period: float) -> npt.NDArray[np.int64]:
         Sample period [s].
 
     """
-    return np.maximum(np.rint(np.diff(t) / period).astype(np.int64) - 1, 0)
+    periods = np.rint(np.diff(t) / period)
+    return np.maximum(periods.astype(np.int64) - 1, 0)

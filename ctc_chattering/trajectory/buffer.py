@@ -47,18 +47,24 @@ def interpolate(t: int, times: Sequence[int], points: Sequence[Point], i: int) -
     The polynomial from point i - 1 to point i is a quintic where both have accelerations,
     otherwise a cubic where both have velocities, otherwise a straight line.
     """
-    start, goal = points[i - 1], points[i]
+    start = points[i - 1]
+    goal = points[i]
     rows = min(sum(map(bool, start)), sum(map(bool, goal)))
-    h = seconds(times[i] - times[i - 1])
-    s = seconds(t - times[i - 1]) / h
+    begin = times[i - 1]
+    h = seconds(times[i] - begin)
+    s = seconds(t - begin) / h
     polynomial = _POLYNOMIALS[rows]
     ends = zip(*start[:rows], *goal[:rows])
     joints = [polynomial(s, h, *end_values) for end_values in ends]
     return tuple(zip(*joints))  # type: ignore[return-value]
 
 
-def follow_turns(times: Sequence[int], points: Sequence[Point], continuous: Sequence[bool],
-                 start: int, state: Point | None) -> Iterator[Point]:
+def follow_turns(
+        times: Sequence[int],
+        points: Sequence[Point],
+        continuous: Sequence[bool],
+        start: int,
+        state: Point | None) -> Iterator[Point]:
     """
     Yield points with continuous joints turned by (AN1).
 
@@ -84,9 +90,11 @@ def follow_turns(times: Sequence[int], points: Sequence[Point], continuous: Sequ
             zeros = (0.0,) * len(q)
             speeds = (dq0, dq) if len(dq0) and len(dq) else (zeros, zeros)
             h = seconds(t - start)
-            q = tuple(
-                nearest(x, expected(x0, v0, v, h)) if endless else x
-                for x, x0, v0, v, endless in zip(q, q0, *speeds, continuous))
+            turned = []
+            for x, x0, v0, v, endless in zip(q, q0, *speeds, continuous):
+                target = expected(x0, v0, v, h)
+                turned.append(nearest(x, target) if endless else x)
+            q = tuple(turned)
         start, state = t, (q, dq, ddq)
         yield state
 
@@ -157,7 +165,8 @@ class Trajectory:
             return
         begin = times[0]
         if any(self.continuous):
-            points = list(follow_turns(times, points, self.continuous, begin, self.at(begin)))
+            state = self.at(begin)
+            points = list(follow_turns(times, points, self.continuous, begin, state))
         seam = bisect_left(self._times, begin)
         self._times[seam:] = times
         self._points[seam:] = points

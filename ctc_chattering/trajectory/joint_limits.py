@@ -55,11 +55,11 @@ class JointLimits(NamedTuple):
             (highest - upper, highest, upper, 'above its upper'),
             (lower - lowest, lowest, lower, 'below its lower'))
         scale = 1.0 if quantity == 'position' else abs(limit)
-        if excess > TOLERANCE * scale:
-            unit = self.unit + _PER_TIME[quantity]
-            return (f'{self.name}: {quantity} {value:.4g} {unit}, '
-                    f'{excess:.3g} {side} limit of {limit:.4g}')
-        return ''
+        if not excess > TOLERANCE * scale:
+            return ''
+        unit = self.unit + _PER_TIME[quantity]
+        return (f'{self.name}: {quantity} {value:.4g} {unit}, '
+                f'{excess:.3g} {side} limit of {limit:.4g}')
 
 
 def read_limits(urdf: str, joint_names: Sequence[str]) -> list[JointLimits]:
@@ -101,7 +101,8 @@ def limit_speed(limits: Sequence[JointLimits], speed: float) -> list[JointLimits
     slower = []
     for joint in limits:
         lower, upper = joint.velocity
-        slower.append(joint._replace(velocity=(max(lower, -speed), min(upper, speed))))
+        velocity = max(lower, -speed), min(upper, speed)
+        slower.append(joint._replace(velocity=velocity))
     return slower
 
 
@@ -122,8 +123,8 @@ def describe_violations(limits: Sequence[JointLimits], points: Iterable[Point]) 
     violations = []
     for quantity, rows in zip(_PER_TIME, zip(*points)):
         columns = zip(*filter(len, rows))
-        violations += [joint.violation(quantity, values)
-                       for joint, values in zip(limits, columns)]
+        for joint, values in zip(limits, columns):
+            violations.append(joint.violation(quantity, values))
     return '; '.join(filter(None, violations))
 
 

@@ -193,16 +193,18 @@ class MotionPlan:
               ) -> Waypoints | Transition:
         """Return the way into waypoints that are partly past."""
         points = [*motion.extremes(), state]
-        speeds = [abs(v) for _, dq, _ in points for v in dq]
+        fastest = max(abs(v) for _, dq, _ in points for v in dq)
+        speed = max(_MAX_HASTE * fastest, _GENTLE_SPEED)
         limits = self.limits or list(map(JointLimits, route.names))
-        limits = limit_speed(limits, max(_MAX_HASTE * max(speeds), _GENTLE_SPEED))
+        limits = limit_speed(limits, speed)
         if past < len(route.points):
             direct = Waypoints(route.times[past:], route.points[past:], (begin, state))
             if not describe_violations(limits, direct.extremes()):
                 return direct
         return fit_duration(
             lambda duration: smooth_start(motion, begin, state, duration),
-            self.config.start_duration or _JOIN_TIME, limits)
+            self.config.start_duration or _JOIN_TIME,
+            limits)
 
     def _stop(self, route: Route, present: TimedMotion, begin: int) -> Followed:
         """Bring a motion to rest on its path."""
@@ -211,7 +213,9 @@ class MotionPlan:
         if isinstance(present, Stop):
             return Followed(0, 0, present.end)
         self.motion = stop = fit_duration(
-            lambda duration: Stop(present, begin, duration), BRAKING_TIME, self.limits)
+            lambda duration: Stop(present, begin, duration),
+            BRAKING_TIME,
+            self.limits)
         return Followed(0, 0, stop.end)
 
     def update(self, now: int, begin: int) -> bool:
@@ -229,26 +233,27 @@ class MotionPlan:
         while isinstance(self.motion, Transition) and now >= self.motion.end:
             self.motion = self.motion.target
         present = self.motion
-        if (present is None or isinstance(present, Transition) or self._route is not None
-                or self._shape == _shape(self.config)):
+        shape = _shape(self.config)
+        if present is None or isinstance(present, Transition):
+            return False
+        if self._route is not None or self._shape == shape:
             return False
         changed = make_motion(self.config.changed({'start_duration': 0.0}))
         self.motion = fit_duration(
             lambda duration: Transition(present, changed, begin, duration),
-            self.config.start_duration or _CHANGE_TIME, self.limits)
-        self._shape = _shape(self.config)
+            self.config.start_duration or _CHANGE_TIME,
+            self.limits)
+        self._shape = shape
         self.in_force = begin
         return True
 
 
 def _turned_joints(requested: Route, route: Route) -> tuple[str, ...]:
     """Return the joints that are at another turn than requested."""
-    names = []
-    for i, name in enumerate(route.names):
-        pairs = zip(requested.points, route.points)
-        if any(wish[0][i] != point[0][i] for wish, point in pairs):
-            names.append(name)
-    return tuple(names)
+    wishes = zip(*(q for q, _, _ in requested.points))
+    positions = zip(*(q for q, _, _ in route.points))
+    joints = zip(route.names, wishes, positions)
+    return tuple(name for name, wish, position in joints if wish != position)
 
 
 def _shape(config: ReferenceConfig) -> tuple[tuple[float, ...], ...]:

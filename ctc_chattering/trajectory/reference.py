@@ -162,7 +162,11 @@ class Sinusoid:
     def __init__(self, config: ReferenceConfig) -> None:
         omega = [2.0 * pi * f for f in config.frequency]
         self._joints = list(map(
-            self._profile, config.center, config.amplitude, omega, config.phase))
+            self._profile,
+            config.center,
+            config.amplitude,
+            omega,
+            config.phase))
 
     def extremes(self) -> list[Point]:
         """Return the greatest and least values of every joint."""
@@ -345,6 +349,7 @@ def _sample(motion: TimedMotion, order: Sequence[int], period: int, count: int) 
     """Return samples of a motion, its joints in order."""
     points = [motion.at(k * period) for k in range(count)]
     rows = np.array(points).reshape(count, 3, -1)
+    ordered = rows[:, :, list(order)]
     # In the order of rows, in which the loop is compiled: for another one it would be once more.
-    table: Array = np.ascontiguousarray(rows[:, :, list(order)])
+    table: Array = np.ascontiguousarray(ordered)
     return table

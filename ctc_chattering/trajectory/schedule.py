@@ -165,7 +165,8 @@ class MotionSchedule:
             raise RejectedMessage('early', 'the motion has not begun')
         for i, t in enumerate(route.times):
             if t < 0:
-                raise ParameterError(f'points[{i}].time_from_start', seconds(t), '0 s or more')
+                name = f'points[{i}].time_from_start'
+                raise ParameterError(name, seconds(t), '0 s or more')
         begin = self._after_published(self.now)
         epoch = (self._start or 0) - self._lead
         start = stamp - epoch if stamp else begin
@@ -188,11 +189,14 @@ class MotionSchedule:
         present = self.now // self._period
         self._next = max(self._next, present)
         while self._next < present + self._ahead:
-            samples = range(self._next, self._next + self.chunk_size)
-            yield ((self._start or 0) + self._next * self._period,
-                   [self._plan.motion.at(k * self._period) for k in samples])
+            begin = self._next * self._period
+            end = begin + self.chunk_size * self._period
+            instants = range(begin, end, self._period)
+            stamp = (self._start or 0) + begin
+            yield stamp, list(map(self._plan.motion.at, instants))
             self._next += self.chunk_size
 
     def _after_published(self, now: int) -> int:
         """Return the first instant [ns] that may still change."""
-        return (now // self._period + self.chunk_size) * self._period
+        present = now // self._period
+        return (present + self.chunk_size) * self._period

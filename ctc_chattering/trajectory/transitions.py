@@ -96,7 +96,8 @@ def braking(t0: int, start: Point, duration: float) -> Waypoints:
     zeros = np.zeros_like(q)
     distance = duration * (0.5 * dq + duration * ddq / 12.0)
     end = t0 + round(duration * NANOSECONDS)
-    return Waypoints([end], [as_point(q + distance, zeros, zeros)], (t0, start))
+    goal = as_point(q + distance, zeros, zeros)
+    return Waypoints([end], [goal], (t0, start))
 
 
 class Stop:
@@ -140,10 +141,8 @@ class Stop:
         rate_change = 6.0 * s * (s - 1.0) / self._span
         t_on_path = self.t0 + round(elapsed * NANOSECONDS)
         q, dq, ddq = np.array(self._path.at(t_on_path))
-        return as_point(
-            q,
-            rate * dq,
-            rate * rate * ddq + rate_change * dq)
+        slower_ddq = rate * rate * ddq + rate_change * dq
+        return as_point(q, rate * dq, slower_ddq)
 
 
 class Transition:
@@ -192,10 +191,11 @@ class Transition:
         origin = np.array(self.origin.at(t))
         shift = np.array(self.target.at(t)) - origin
         q, dq, ddq = origin + w * shift
+        shift_q, shift_dq, _ = shift
         return as_point(
             q,
-            dq + dw * shift[0],
-            ddq + 2.0 * dw * shift[1] + ddw * shift[0])
+            dq + dw * shift_q,
+            ddq + 2.0 * dw * shift_dq + ddw * shift_q)
 
 
 def smooth_start(motion: TimedMotion, t0: int, start: Point, duration: float) -> Transition:
@@ -234,10 +234,11 @@ def smooth_start(motion: TimedMotion, t0: int, start: Point, duration: float) ->
 
 def sample_passage(passage: Passage) -> list[Point]:
     """Return points of a passage to check limits."""
-    t0, end = passage.t0, passage.end
+    t0 = passage.t0
+    end = passage.end
     step = max(_CHECK_STEP_NS, (end - t0) // _MAX_CHECKS)
     instants = [*range(t0, end, step), end]
-    return [passage.at(t) for t in instants]
+    return list(map(passage.at, instants))
 
 
 def shortest_duration(make: Callable[[float], Passage], duration: float,

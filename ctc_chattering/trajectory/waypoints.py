@@ -28,6 +28,7 @@ from typing import NamedTuple
 
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.angles import turned, turns_to
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.parameters import Parameter, whole
 from ctc_chattering.trajectory.buffer import follow_turns, interpolate, Point
@@ -101,7 +102,8 @@ class Waypoints:
             return q, zeros, zeros
         if t == self.end:
             return q, dq or zeros, ddq or zeros
-        if t == self._times[i - 1] and ddq and self._points[i][2]:
+        *_, next_ddq = self._points[i]
+        if t == self._times[i - 1] and ddq and next_ddq:
             return start
         return interpolate(t, self._times, self._points, i)
 
@@ -134,11 +136,14 @@ class Route(NamedTuple):
 
         """
         check_names(self.names, names)
-        order = [self.names.index(name) for name in names]
+        order = list(map(self.names.index, names))
+
+        def reorder(row: Vector) -> Vector:
+            return tuple(row[i] for i in order) if row else ()
+
         points = []
-        for point in _check_points(self.times, self.points, len(order)):
-            q, dq, ddq = (tuple(row[i] for i in order) if row else () for row in point)
-            points.append((q, dq, ddq))
+        for q, dq, ddq in _check_points(self.times, self.points, len(order)):
+            points.append((reorder(q), reorder(dq), reorder(ddq)))
         return Route(tuple(names), tuple(self.times), tuple(points))
 
     def by_the_short_way(self, continuous: Sequence[bool], start: tuple[int, Point] | None = None
@@ -162,11 +167,13 @@ class Route(NamedTuple):
             return self._replace(points=points)
         begin, state = start
         i = min(bisect_right(self.times, begin), len(points) - 1)
-        target = points[i]
-        (reached,) = follow_turns([self.times[i]], [target], continuous, begin, state)
-        turns = list(map(turns_to, target[0], reached[0]))
-        points = [(tuple(map(turned, q, turns)), dq, ddq) for q, dq, ddq in points]
-        return self._replace(points=points)
+        times = [self.times[i]]
+        (reached,) = follow_turns(times, [points[i]], continuous, begin, state)
+        turns = list(map(turns_to, points[i][0], reached[0]))
+        turned_points = []
+        for q, dq, ddq in points:
+            turned_points.append((tuple(map(turned, q, turns)), dq, ddq))
+        return self._replace(points=turned_points)
 
 
 def check_names(names: Sequence[str], needed: Sequence[str]) -> None:
@@ -189,8 +196,10 @@ def _check_points(times: Sequence[int], points: Sequence[Point], n: int = 0) -> 
         n = n or len(result[0][0])
         previous = times[i - 1]
         if i and whole(f'times[{i}]', t) <= previous:
-            raise ParameterError(f'points[{i}].time_from_start', seconds(t),
-                                 f'more than that of the point before, {seconds(previous)} s')
+            raise ParameterError(
+                f'points[{i}].time_from_start',
+                seconds(t),
+                f'more than that of the point before, {seconds(previous)} s')
     return result
 
 
