@@ -104,8 +104,8 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 #: Tests of the folder `control` that say themselves what they compile. The others compare to the
 #: last bit, as plain Python, whatever is compiled on this computer.
-_COMPILING = ('test_all_laws.py', 'test_compiled_step.py', 'test_declared_parameters.py',
-              'test_observer_feedback.py', 'test_step.py')
+_COMPILING = ('test_all_laws.py', 'test_compiled_step.py', 'test_extended_state_observer.py',
+              'test_law_registry.py', 'test_observer_feedback.py', 'test_step.py')
 
 
 @pytest.fixture(autouse=True, scope='module')

@@ -98,6 +98,24 @@ def rattles(law: str, calm: dict[str, Any], wild: dict[str, Any], **more: Any) -
     return bool((loud > 10.0 * quiet).any())
 
 
+def check_windup(law: str, **values: Any) -> None:
+    """Check the error after a second at the limit: without anti-windup it is far larger."""
+    good, bad = (error(run(
+        law, 3.0, 0.0, 0.5, 0.0, anti_windup=on, kv=60.0, kp=1200.0, ki=8000.0,
+        effort_limit=[60.0, 10.0], **values)) for on in (True, False))
+    assert (good < 0.05 * bad).all()
+
+
+def check_delay(law: str) -> None:
+    """Check that a known delay costs little error and variation, under friction."""
+    values: dict[str, Any] = {'switching': 'implicit_observer', 'ka': [12.0] * 2}
+    prompt = run(law, 1.2, **values)
+    late = run(law, 1.2, plant={'input_delay': 2}, input_delay=2, **values)
+    assert (variation(late) < 1.5 * variation(prompt)).all()
+    assert (error(late) < 1.5 * error(prompt) + 1e-3).all()
+    assert np.isfinite(late.tau).all()
+
+
 #: Limits of the torque [N·m].
 MOST = np.array([150.0, 20.0])
 

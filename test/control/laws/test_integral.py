@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from laws import check_by_hand, H, KP, MOST, Terms
+from laws import check_by_hand, check_windup, error, H, KP, MOST, run, Terms
 import numpy as np
 from oracles import Array
 import pytest
@@ -41,3 +41,13 @@ def test_integral_by_hand(anti_windup: bool) -> None:
     check_by_hand('integral', step, ki=ki.tolist(), effort_limit=MOST.tolist(),
                   anti_windup=anti_windup)
     assert cuts > 100
+
+
+def test_the_error_under_friction_shrinks() -> None:
+    gains = {'kv': 300.0, 'kp': 3e4}
+    found = error(run('integral', 2.0, ki=1e6, **gains))
+    assert (found < 0.6 * error(run('integral', 2.0, ki=0.0, **gains))).all()
+
+
+def test_it_does_not_wind_up() -> None:
+    check_windup('integral')

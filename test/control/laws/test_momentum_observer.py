@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 
-from laws import check_by_hand, H, MOST, Terms
+from laws import check_by_hand, error, H, MOST, rattles, run, Terms
 import numpy as np
 from oracles import Array
 
@@ -46,3 +46,16 @@ def test_momentum_observer_by_hand() -> None:
     check_by_hand('momentum_observer', step, momentum_gain=gain,
                   effort_limit=(10.0 * MOST).tolist())
     assert 20 < cuts < 180
+
+
+def test_the_bound_of_the_inertia_from_both_sides() -> None:
+    """With this gain it is 2.1."""
+    assert rattles('momentum_observer', {'inertia_scale': 1.9}, {'inertia_scale': 2.3},
+                   duration=1.5, momentum_gain=3000.0)
+
+
+def test_the_error_under_friction_shrinks_with_the_gain() -> None:
+    slow = error(run('momentum_observer', 2.0, momentum_gain=50.0))
+    fast = error(run('momentum_observer', 2.0, momentum_gain=300.0))
+    assert (slow < 0.5 * error(run('compensation', 2.0))).all()
+    assert (fast < 0.5 * slow).all()

@@ -16,9 +16,9 @@
 
 from __future__ import annotations
 
-from laws import check_by_hand, KP, KV, Terms
+from laws import check_by_hand, KP, KV, rattles, Terms
 import numpy as np
-from oracles import Array
+from oracles import Array, paper_m
 
 
 def test_pd_gravity_by_hand() -> None:
@@ -29,3 +29,12 @@ def test_pd_gravity_by_hand() -> None:
         return tau
 
     check_by_hand('pd_gravity', step)
+
+
+def test_the_bound_of_kv_from_both_sides() -> None:
+    """Check h Kv λ < 2, with λ = 1.33 the largest eigenvalue of M⁻¹ diag(D)."""
+    inverse = np.linalg.inv(paper_m([np.pi, np.pi / 2]))
+    eigenvalue = float(np.linalg.eigvals(inverse / np.diag(inverse)).max())
+    assert rattles(
+        'pd_gravity', {'kv': 1900.0 / eigenvalue}, {'kv': 2100.0 / eigenvalue},
+        duration=1.5, amplitude=0.0, offset=0.05, friction=0.0)

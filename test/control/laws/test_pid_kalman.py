@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from ctc_chattering.control.laws.pid_kalman import kalman_gains
+from laws import check_windup
 import numpy as np
 import pytest
 
@@ -32,3 +33,7 @@ def test_the_kalman_gains_are_those_of_the_filter_after_many_samples(bandwidth: 
         variance = A @ (variance - np.outer(gain, C @ variance)) @ A.T + (
             bandwidth ** 6 * np.outer(G, G))
     np.testing.assert_allclose(kalman_gains(bandwidth), gain, rtol=1e-8)
+
+
+def test_it_does_not_wind_up() -> None:
+    check_windup('pid_kalman', estimator_bandwidth=300.0)

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from laws import check_by_hand, H, KP, KV, MOST, Terms
+from laws import check_by_hand, H, KP, KV, MOST, rattles, Terms
 import numpy as np
 from oracles import Array
 import pytest
@@ -44,3 +44,9 @@ def test_slotine_li_by_hand(anti_windup: bool) -> None:
                   friction_level=level.tolist(), effort_limit=MOST.tolist(),
                   anti_windup=anti_windup)
     assert (frozen > 50) == anti_windup
+
+
+def test_the_bound_of_the_adaptation_gain_from_both_sides() -> None:
+    """The loop is stable if h Γ < K, about 0.55 · 50 N·m·s/rad."""
+    assert rattles('slotine_li', {'adaptation_gain': [100.0, 1.65e4]},
+                   {'adaptation_gain': [100.0, 5.5e4]}, duration=1.5)

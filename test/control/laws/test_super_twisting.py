@@ -18,7 +18,19 @@ from __future__ import annotations
 
 import math
 
-from laws import B, check_by_hand, FilterByHand, H, KP, KV, LAMBDA, Terms
+from laws import (
+    B,
+    check_by_hand,
+    error,
+    FilterByHand,
+    H,
+    KP,
+    KV,
+    LAMBDA,
+    rattles,
+    run,
+    Terms,
+)
 import numpy as np
 from oracles import Array
 import pytest
@@ -60,3 +72,13 @@ def test_super_twisting_by_hand(size: float) -> None:
     check_by_hand('super_twisting', step, size, super_twisting_k1=k1.tolist(),
                   super_twisting_k2=k2.tolist())
     assert (rests > 20) == (size < 0.1)
+
+
+def test_the_bound_of_the_inertia_from_both_sides() -> None:
+    """Check that it is 2."""
+    assert rattles('super_twisting', {'inertia_scale': 1.8}, {'inertia_scale': 2.2}, duration=1.5)
+
+
+def test_the_error_under_friction_shrinks() -> None:
+    found = error(run('super_twisting', 2.0))
+    assert (found < 0.1 * error(run('compensation', 2.0))).all()

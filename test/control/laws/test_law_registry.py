@@ -20,7 +20,13 @@ from functools import cache
 from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.control.laws.registry import LAWS
+from ctc_chattering.control.laws.registry import (
+    law_class,
+    LAWS,
+    switching_class,
+    SWITCHINGS,
+    switchings_of,
+)
 from ctc_chattering.parameters import Parameter
 from laws import inputs
 import numpy as np
@@ -90,3 +96,16 @@ def test_a_parameter_changes_the_torque_of_the_laws_that_take_it(name: str) -> N
         else:
             assert gap == 0.0, law
         assert ControllerConfig(law=law).takes(name) == (not spec.laws or law in spec.laws)
+
+
+def test_names_lead_to_classes_in_camel_case() -> None:
+    names = [law_class(name).__name__ for name in LAWS]
+    names += [switching_class(name).__name__ for name in SWITCHINGS]
+    assert [name.lower() for name in names] == [
+        name.replace('_', '') for name in (*LAWS, *SWITCHINGS)]
+    assert all(name[0].isupper() for name in names)
+
+
+def test_only_law_6_has_switchings() -> None:
+    assert [law for law in LAWS if switchings_of(law)] == ['chattering']
+    assert switchings_of('chattering') == SWITCHINGS

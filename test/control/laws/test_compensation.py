@@ -1,0 +1,24 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The bound of the law without a term against friction."""
+
+from __future__ import annotations
+
+from laws import rattles
+
+
+def test_the_bound_of_kv_from_both_sides() -> None:
+    """With M̂ = c M the loop is stable if c h Kv < 2."""
+    assert rattles('compensation', {'kv': 1900.0}, {'kv': 2100.0}, duration=1.5)
