@@ -54,8 +54,9 @@ from __future__ import annotations
 from math import exp
 from typing import NamedTuple
 
-from ctc_chattering.compiled.compilable import dot, record, solve, some
+from ctc_chattering.compiled.compilable import dot, function, record, solve, some
 from ctc_chattering.dynamics.drive_response import DriveModel
+from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.box_qp import nearest, nearest_and_motion
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -82,6 +83,24 @@ class Observed(NamedTuple):
     torque: Array
     perturbation: Array
     slope: Array
+
+
+@record
+class ModelTerms(NamedTuple):
+    """Dynamics in a state of robot and drives."""
+
+    state: Observed
+    #: M [kg·m²], shape (n, n).
+    M: Array
+    #: C dq + G [N·m], shape (n,).
+    bias: Array
+
+
+@function
+def evaluate_model(model: Model, state: Observed) -> ModelTerms:
+    """Return the dynamics in a state."""
+    M, C, G = model.evaluate(state.q, state.dq)
+    return ModelTerms(state, M, dot(C, state.dq) + G)
 
 
 @record
@@ -116,17 +135,14 @@ class StateObserver(NamedTuple):
         return self._replace(bound=np.sqrt(factor) * self.bound, force=factor * self.force,
                              jerk=factor * factor * self.jerk)
 
-    def predict(self, state: Observed, mass: Array, bias: Array, level: Array, command: Array
-                ) -> Observed:
+    def predict(self, model: ModelTerms, level: Array, command: Array) -> Observed:
         """
         Return the state a period later, by (SO1).
 
         Parameters
         ----------
-        state : Observed
-            At the start of the period.
-        mass, bias : array, shape (n, n) and (n,)
-            M [kg·m²] and C dq + G [N·m] there.
+        model : ModelTerms
+            State and dynamics at the start of the period.
         level : array, shape (n,)
             K̂ [N·m].
         command : array, shape (n,)
@@ -134,15 +150,16 @@ class StateObserver(NamedTuple):
 
         """
         h = self.drives.period
+        state = model.state
         drive = self.drives.follow(state.torque, command)
-        load = drive.mean - (bias + state.perturbation + 0.5 * h * state.slope)
-        holding = dot(mass, state.dq) / h + load
-        _, dq_over_h = nearest_and_motion(mass, holding, level)
+        load = drive.mean - (model.bias + state.perturbation + 0.5 * h * state.slope)
+        holding = dot(model.M, state.dq) / h + load
+        _, dq_over_h = nearest_and_motion(model.M, holding, level)
         dq = h * dq_over_h
         q = state.q + 0.5 * h * (state.dq + dq)
         asymmetry = drive.weighted - drive.mean + h / 6.0 * state.slope
         if some(asymmetry):
-            q = q + 0.5 * h * h * solve(mass, asymmetry)
+            q = q + 0.5 * h * h * solve(model.M, asymmetry)
         perturbation = state.perturbation + h * state.slope
         return Observed(q, dq, drive.end, perturbation, state.slope)
 

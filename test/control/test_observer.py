@@ -16,7 +16,12 @@
 
 import math
 
-from ctc_chattering.control.observer import design_observer, Observed, StateObserver
+from ctc_chattering.control.observer import (
+    design_observer,
+    ModelTerms,
+    Observed,
+    StateObserver,
+)
 from ctc_chattering.dynamics.drive_response import discretize_drives
 import numpy as np
 from oracles import Array, box_by_enumeration, random_spd
@@ -50,7 +55,8 @@ def test_all_poles_are_where_the_bandwidth_says() -> None:
     for i, unit in enumerate((np.eye(2), np.eye(2) / H, MASS / H ** 2, MASS / H ** 3)):
         scale[2 * i:2 * i + 2, 2 * i:2 * i + 2] = unit
     for unit in np.eye(8):
-        moved = made.predict(at(*(scale @ unit).reshape(4, 2)), MASS, NONE, NONE, NONE)
+        moved = made.predict(
+            ModelTerms(at(*(scale @ unit).reshape(4, 2)), MASS, NONE), NONE, NONE)
         found = made.correct(moved, MASS, NONE)
         columns.append(np.linalg.solve(scale, np.concatenate(
             [found.q, found.dq, found.perturbation, found.slope])))
@@ -67,7 +73,8 @@ def test_without_a_slope_three_poles_are_where_the_bandwidth_says() -> None:
     for i, unit in enumerate((np.eye(2), np.eye(2) / H, MASS / H ** 2)):
         scale[2 * i:2 * i + 2, 2 * i:2 * i + 2] = unit
     for unit in np.eye(6):
-        moved = made.predict(at(*(scale @ unit).reshape(3, 2)), MASS, NONE, NONE, NONE)
+        moved = made.predict(
+            ModelTerms(at(*(scale @ unit).reshape(3, 2)), MASS, NONE), NONE, NONE)
         found = made.correct(moved, MASS, NONE)
         assert (found.slope == 0.0).all()
         columns.append(np.linalg.solve(scale, np.concatenate(
@@ -83,7 +90,7 @@ def test_friction_that_does_not_hold_both_joints() -> None:
     for _ in range(50):
         mass, load, level = random_spd(rng, 2), 8.0 * rng.normal(size=2), rng.uniform(1, 9, 2)
         dq = 1e-3 * rng.normal(size=2)
-        after = made.predict(at(dq=dq), mass, NONE, level, load).dq
+        after = made.predict(ModelTerms(at(dq=dq), mass, NONE), level, load).dq
         inverse = np.linalg.inv(mass).astype(np.float64)
         f = box_by_enumeration(inverse, -inverse @ (mass @ dq / H + load), level)
         np.testing.assert_allclose(after, dq + H * inverse @ (load - f), atol=1e-12)
@@ -96,7 +103,7 @@ def test_the_estimate_keeps_its_bound_and_the_slope_does_not_push() -> None:
     bound, load, inverse = np.array([4.0, 2.0]), np.array([30.0, 10.0]), np.linalg.inv(MASS)
     made, state = observer(bound), at()
     for k in range(1, 400):
-        state = made.predict(state, MASS, NONE, NONE, NONE)
+        state = made.predict(ModelTerms(state, MASS, NONE), NONE, NONE)
         t = k * H
         state = made.correct(state, MASS, -inverse @ load * t * t / 2)
         assert (np.abs(state.perturbation) <= bound).all()

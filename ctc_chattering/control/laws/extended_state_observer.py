@@ -39,8 +39,13 @@ from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.feasible_reference import next_point
 from ctc_chattering.control.laws.base import law, observed_state
 from ctc_chattering.control.laws.friction_feedforward import friction_ahead, FrictionAhead
-from ctc_chattering.control.laws.observer_feedback import evaluate_model, ModelTerms
-from ctc_chattering.control.observer import design_observer, Observed, StateObserver
+from ctc_chattering.control.observer import (
+    design_observer,
+    evaluate_model,
+    ModelTerms,
+    Observed,
+    StateObserver,
+)
 from ctc_chattering.control.recommended_gains import PoleRule
 from ctc_chattering.control.sample import Applied, Context, LastSample, MeasuredState, State, Terms
 from ctc_chattering.numerics.box_qp import clip, nearest
@@ -152,7 +157,8 @@ class ExtendedStateObserver(NamedTuple):
 
         It is under a command to the drives, and the friction F.
         """
-        return self.observer.predict(model.state, model.M, model.bias + F, 0.0 * F, command)
+        with_friction = model._replace(bias=model.bias + F)
+        return self.observer.predict(with_friction, 0.0 * F, command)
 
     def advanced(self, memory: ExtendedState, now: State, applied: Applied) -> ExtendedState:
         """Predict the next sample."""

@@ -62,7 +62,13 @@ from ctc_chattering.control.friction_learning import (
     LearnedFriction,
 )
 from ctc_chattering.control.laws.base import law, observed_state, Stability
-from ctc_chattering.control.observer import design_observer, Observed, StateObserver
+from ctc_chattering.control.observer import (
+    design_observer,
+    evaluate_model,
+    ModelTerms,
+    Observed,
+    StateObserver,
+)
 from ctc_chattering.control.oscillation import (
     design_guard,
     Oscillation,
@@ -85,7 +91,6 @@ from ctc_chattering.control.standstill import (
     Standstill,
     StandstillDetector,
 )
-from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
@@ -117,17 +122,6 @@ class Memory(NamedTuple):
     standing: Standstill
     #: s of (OG1), and the half-waves of the feedback.
     oscillation: Oscillation
-
-
-@record
-class ModelTerms(NamedTuple):
-    """Dynamics in a state of robot and drives."""
-
-    state: Observed
-    #: M [kg·m²], shape (n, n).
-    M: Array
-    #: C dq + G [N·m], shape (n,).
-    bias: Array
 
 
 @record
@@ -278,9 +272,10 @@ class ObserverFeedback(NamedTuple):
     def respond(self, memory: Memory, now: State, context: Context) -> tuple[Terms, Memory]:
         """Return `answer` with the bandwidths of this law."""
         delay = int(context.settings.delay)
+        level = memory.learned.level
         model = ModelTerms(memory.observed, now.M, now.bias)
         for j in range(delay):
-            arriving = self.predict_state(memory, model, context.in_transit(j))
+            arriving = self.observer.predict(model, level, context.in_transit(j))
             model = evaluate_model(context.models.arriving, arriving)             # (OF1)
         point = context.reference_at(delay)
         deviation = memory.deviation
@@ -288,14 +283,13 @@ class ObserverFeedback(NamedTuple):
             deviation = Deviation(model.state.q - point.q, model.state.dq - point.dq)
         desired = self.desired_torque(memory, model, point, deviation)            # (OF2)
         inertia = diagonal(model.M)
-        level = memory.learned.level
         deviation = self.reference.advance(point, deviation, desired.returning, inertia, level)
         # The torque a period later, for which the drives are half way to τ* meanwhile.
         held = model.state.torque
         drives = self.observer.drives
         half = 0.5 * (held + desired.torque)
         half_way = model._replace(state=model.state._replace(torque=half))
-        state_after = self.predict_state(memory, half_way, half)
+        state_after = self.observer.predict(half_way, level, half)
         model_after = evaluate_model(context.models.after, state_after)
         ddq_step = memory.has_sample * (point.ddq - memory.ddq)
         point_after = next_point(point, ddq_step, self.reference.period)
@@ -310,11 +304,6 @@ class ObserverFeedback(NamedTuple):
             oscillation=self.guard.update_oscillation(
                 memory.oscillation, desired.feedback, shortfall))
         return Terms(sent + desired.z, now.zero, desired.z, now.zero), memory
-
-    def predict_state(self, memory: Memory, model: ModelTerms, command: Array) -> Observed:
-        """Return the state a period later, under a command."""
-        return self.observer.predict(
-            model.state, model.M, model.bias, memory.learned.level, command)
 
     def desired_torque(self, memory: Memory, model: ModelTerms, point: Desired,
                        deviation: Deviation) -> DesiredTorque:
@@ -343,7 +332,8 @@ class ObserverFeedback(NamedTuple):
         learning = self.slowed_down(memory).learning
         learned = learning.learn(memory.learned, state.dq, state.perturbation)
         deviation = self.reference.relieve(memory.deviation, applied.saturation_error, now.M)
-        later = self.observer.predict(state, now.M, now.bias, learned.level, applied.tau)
+        model = ModelTerms(state, now.M, now.bias)
+        later = self.observer.predict(model, learned.level, applied.tau)
         return memory._replace(
             observed=later,
             mass=now.M,
@@ -377,10 +367,3 @@ def with_parts(kp: Array, kv: Array, ka: Array, initial_level: Array, observer: 
         guard=design_guard(ka, rate, pole, h),
         feedback_scale=1.0,
         least_scale=min(1.0, float(_LEAST_POLE / pole.max())))
-
-
-@function
-def evaluate_model(model: Model, state: Observed) -> ModelTerms:
-    """Return the dynamics in a state."""
-    M, C, G = model.evaluate(state.q, state.dq)
-    return ModelTerms(state, M, dot(C, state.dq) + G)

@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from laws import check_by_hand, check_windup, error, H, KP, MOST, run, Terms
 import numpy as np
 from oracles import Array
@@ -44,7 +46,7 @@ def test_integral_by_hand(anti_windup: bool) -> None:
 
 
 def test_the_error_under_friction_shrinks() -> None:
-    gains = {'kv': 300.0, 'kp': 3e4}
+    gains: dict[str, Any] = {'kv': 300.0, 'kp': 3e4}
     found = error(run('integral', 2.0, ki=1e6, **gains))
     assert (found < 0.6 * error(run('integral', 2.0, ki=0.0, **gains))).all()
 

@@ -22,7 +22,7 @@ from typing import Any
 
 from ctc_chattering.control import oscillation
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.control.observer import design_observer, Observed
+from ctc_chattering.control.observer import design_observer, ModelTerms, Observed
 from ctc_chattering.dynamics.drive_response import discretize_drives
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation import closed_loop
@@ -59,7 +59,7 @@ def poles(scale: float) -> Array:
         at = observer.correct(Observed(*np.array([[q_o], [dq_o], [0.0], [P], [slope]])), mass,
                               np.array([q]))
         tau = scale * (-KV[0, 0] * at.dq - KP[0, 0] * at.q) + at.perturbation
-        at = observer.predict(at, mass, none, none, tau)
+        at = observer.predict(ModelTerms(at, mass, none), none, tau)
         true = q + H * dq + 0.5 * H * H * tau[0], dq + H * tau[0]
         columns.append([*true, at.q[0], at.dq[0], at.perturbation[0], at.slope[0]])
     found: Array = np.abs(np.linalg.eigvals(np.array(columns).T))
