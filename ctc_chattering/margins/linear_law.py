@@ -41,7 +41,6 @@ from ctc_chattering.control.sample import TRANSIT_ROWS
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array, Flags, Rows, Vector
-from ctc_chattering.trajectory.buffer import Point
 import numpy as np
 
 #: Size of the differences [rad].
@@ -156,7 +155,8 @@ def linear_law(config: ControllerConfig, mass: Array) -> LinearLaw:
     change = motion.differences(_DIFFERENCE, scale)
     larger = motion.differences(_LARGER_DIFFERENCE, scale)
     gap = np.abs(change - larger).max()
-    if not gap <= 1e-3 * np.abs(change).max():
+    largest = np.abs(change).max()
+    if not gap <= 1e-3 * largest:
         name = f'{config.law} {config.switching_in_force}'.strip()
         raise CtcError(
             f'law {name} is not linear near a steady motion; its stability is not computed')
@@ -191,24 +191,25 @@ class _SteadyMotion:
         for k in range(-settling, 0):
             points = self._points(k)
             q, dq, _ = points[0]
-            self._answer(q, dq, points)
+            controller.step(q, dq, *points[0], points[1:])
         memories = controller.memories
         if type(memories.law) not in RECORDS:
-            raise CtcError(f'law {config.law}: its memory is not marked by @record; its stability '
-                           'is not computed')
+            raise CtcError(
+                f'law {config.law}: its memory is not marked by @record; its stability '
+                'is not computed')
         self._layout = packed(memories).dtype
         memory = self._memory()
         #: Number of values in the memory.
         self.states = len(memory)
         self._values = np.concatenate([memory, self._zeros, self._ones])
 
-    def _points(self, k: int) -> list[Point]:
+    def _points(self, k: int) -> list[tuple[Any, Any, Any]]:
         """Return the reference from sample `k` on."""
-        points: list[Point] = []
-        for j in range(self._controller.config.input_delay + 1):
-            t = (k + j) * self._period
-            q_d = t * self._ones
-            points.append((q_d, self._ones, self._zeros))  # type: ignore[arg-type]
+        delay = self._controller.config.input_delay
+        points = []
+        for index in range(k, k + delay + 1):
+            t = index * self._period
+            points.append((t * self._ones, self._ones, self._zeros))
         return points
 
     def _memory(self) -> Array:
@@ -216,7 +217,8 @@ class _SteadyMotion:
         controller = self._controller
         memories = controller.memories
         transit_index = int(memories.control.transit_index)
-        transit = np.roll(controller.transit, -TRANSIT_ROWS * transit_index, axis=0)
+        shift = -TRANSIT_ROWS * transit_index
+        transit = np.roll(controller.transit, shift, axis=0)
         control = memories.control._replace(transit_index=0.0)
         record = packed(memories._replace(control=control))
         numbers = np.frombuffer(record.tobytes())
@@ -225,18 +227,17 @@ class _SteadyMotion:
     def _step(self, values: Array) -> Array:
         """Return memory and τ a period later."""
         controller = self._controller
-        ends = self._layout.itemsize // 8, self.states
-        numbers, transit, y = np.split(values, ends)
+        count = self._layout.itemsize // 8
+        numbers, transit, y = np.split(values, [count, self.states])
         controller.transit[:] = transit.reshape(controller.transit.shape)
         record, = np.frombuffer(numbers.tobytes(), self._layout)
         controller.memories = load(record)
+        q: Any
+        dq: Any
         q, dq = np.split(y, 2)
-        tau = self._answer(q, dq, self._points(0))
-        return np.concatenate([self._memory(), tau])
-
-    def _answer(self, q: Any, dq: Any, points: list[Point]) -> Vector:
-        """Return the torque for a state and the reference."""
-        return self._controller.step(q, dq, *points[0], points[1:]).tau
+        points = self._points(0)
+        sample = controller.step(q, dq, *points[0], points[1:])
+        return np.concatenate([self._memory(), sample.tau])
 
     def sensitivity(self) -> Array:
         """
@@ -246,16 +247,19 @@ class _SteadyMotion:
         """
         m = self.states
         rng = np.random.default_rng(0)
-        noise = np.concatenate([self._ones, self._ones / self._period])
+        of_dq = self._ones / self._period
+        noise = np.concatenate([self._ones, of_dq])
         undisturbed = self._step(self._values)[:m]
         deviation = largest = np.zeros(m)
         for _ in range(64):
             y = _DIFFERENCE * noise * rng.standard_normal(len(noise))
-            disturbed = self._values + np.concatenate([deviation, y])
+            change = np.concatenate([deviation, y])
+            disturbed = self._values + change
             deviation = self._step(disturbed)[:m] - undisturbed
             largest = np.maximum(largest, np.abs(deviation) / _DIFFERENCE)
-        size = np.maximum(np.abs(self._values[:m]), 1.0)
-        reached = np.where(largest > _ROUNDING * size, largest, 0.0)
+        memory = self._values[:m]
+        rounding = _ROUNDING * np.maximum(np.abs(memory), 1.0)
+        reached = np.where(largest > rounding, largest, 0.0)
         return np.concatenate([reached, noise])
 
     def differences(self, size: float, scale: Array) -> Array:
@@ -266,15 +270,16 @@ class _SteadyMotion:
         """
         m = self.states
         values = self._values
-        change = np.zeros((m + len(self._zeros), len(values)))
+        shape = m + len(self._zeros), len(values)
+        change = np.zeros(shape)
         for k in np.flatnonzero(scale):
             d = np.zeros(len(values))
             d[k] = size * scale[k]
             above = self._step(values + d)
             below = self._step(values - d)
             change[:, k] = (above - below) / (2.0 * size)
-        divisor = np.where(scale, scale, np.inf)
-        change[:m] /= divisor[:m, np.newaxis]
+        of_memory = scale[:m, np.newaxis]
+        change[:m] /= np.where(of_memory, of_memory, np.inf)
         return change
 
 
@@ -282,13 +287,13 @@ def _minimal(change: Array, scale: Array, m: int) -> LinearLaw:
     """Return the part between y and τ, unscaled."""
     size = np.abs(change)
     largest = size.max(axis=1, keepdims=True, initial=1e-300)
-    change = np.where(size > _ROUNDING * largest, change, 0.0)
-    of_memory, of_torque = change[:m], change[m:]
-    y_scale = scale[m:]
-    A = of_memory[:, :m]
-    B = of_memory[:, m:] / y_scale
-    C = of_torque[:, :m]
-    D = of_torque[:, m:] / y_scale
+    is_exact = size > _ROUNDING * largest
+    change = np.where(is_exact, change, 0.0)
+    of_memory, of_torque = np.split(change, [m])
+    A, B = np.split(of_memory, [m], axis=1)
+    C, D = np.split(of_torque, [m], axis=1)
+    memory_scale, y_scale = np.split(scale, [m])
     reaches_torque = _reach(A.T, C.T)
-    is_reached = scale[:m] > 0.0
-    return LinearLaw(A, B, C, D).only(reaches_torque & is_reached)
+    is_reached = memory_scale > 0.0
+    law = LinearLaw(A, B / y_scale, C, D / y_scale)
+    return law.only(reaches_torque & is_reached)

@@ -55,8 +55,10 @@ class StableRange(NamedTuple):
     high: float
 
 
-def stable_range(radius: Callable[[float], float], start: float, grid: Array
-                 ) -> StableRange | None:
+def stable_range(
+        radius: Callable[[float], float],
+        start: float,
+        grid: Array) -> StableRange | None:
     """
     Return the range with a radius below 1.
 
@@ -73,10 +75,13 @@ def stable_range(radius: Callable[[float], float], start: float, grid: Array
 
 def _last_stable(radius: Callable[[float], float], start: float, side: Array) -> float:
     """Return the end of the range on one side of `start`."""
+    def excess(x: float) -> float:
+        return radius(x) - 1.0
+
     inside = start
     for x in side.tolist():
         if not radius(x) < 1.0:
-            return float(bisect(lambda y: radius(y) - 1.0, inside, x))
+            return float(bisect(excess, inside, x))
         inside = x
     return inside
 
@@ -98,6 +103,11 @@ class SampledLoop(NamedTuple):
     def closed(self, ratio: float) -> Array:
         """Return the matrix for M̂ = `ratio` M, shape (m, m)."""
         return self.A + ratio * self.B @ self.C
+
+    def gain(self, ratio: float) -> float:
+        """Return the H∞ norm from w to z for M̂ = `ratio` M."""
+        closed = self.closed(ratio)
+        return peak_gain(closed, self.B, self.C)
 
 
 class Margins(NamedTuple):
@@ -190,16 +200,16 @@ class Loops:
 
         drives = discretize_drives(self.lag, np.full(n, np.inf), h)
         gap = torque - command
-        decay, mean, weighted = (
-            command + share[:, np.newaxis] * gap
-            for share in (drives.decay, drives.mean, drives.weighted))
+        shares = drives.decay, drives.mean, drives.weighted
+        end, mean, weighted = (command + share[:, np.newaxis] * gap for share in shares)
+        next_memory = law.A @ memory + law.B @ y
         A = np.vstack([
             q + h * dq,
             dq,
-            decay,
+            end,
             commands[n:],
             q[:len(last_q)],
-            law.A @ memory + law.B @ y])
+            next_memory])
 
         values, vectors = np.linalg.eigh(mass)
         root = vectors / np.sqrt(values) @ vectors.T
@@ -207,11 +217,15 @@ class Loops:
         B[:n, :n] = 0.5 * h * h * root
         B[:n, n:] = B[:n, :n]
         B[n:2 * n, :n] = h * root
+        difference = weighted - mean
         C = np.vstack([
             root @ mean,
-            root @ (weighted - mean)])
+            root @ difference])
         scale = np.repeat([1.0, _SCALE], n)
-        return SampledLoop(A, B / scale, scale[:, np.newaxis] * C)
+        return SampledLoop(
+            A,
+            B / scale,
+            scale[:, np.newaxis] * C)
 
     def radius(self, ratio: float = 1.0) -> float:
         """
@@ -219,7 +233,8 @@ class Loops:
 
         M̂ is `ratio` M.
         """
-        poles = [np.linalg.eigvals(loop.closed(ratio)) for loop in self.sampled]
+        closed = [loop.closed(ratio) for loop in self.sampled]
+        poles = np.linalg.eigvals(closed)
         return float(np.abs(poles).max())
 
     def ratios(self) -> StableRange | None:
@@ -236,7 +251,7 @@ class Loops:
         def interval(c: float) -> StableRange:
             if not self.radius(c) < 1.0:
                 return StableRange(c, c)
-            gains = [peak_gain(loop.closed(c), loop.B, loop.C) for loop in self.sampled]
+            gains = [loop.gain(c) for loop in self.sampled]
             d = 1.0 / max(gains)
             return StableRange(c - d, c + d)
 
@@ -248,14 +263,17 @@ class Loops:
 
         ends = list(map(nearer_end, _CENTRES))
         best = int(np.argmax(ends))
+        last = len(_CENTRES) - 1
         lower = _CENTRES[max(best - 1, 0)]
-        upper = _CENTRES[min(best + 1, len(_CENTRES) - 1)]
+        upper = _CENTRES[min(best + 1, last)]
         result = minimize_scalar(
             lambda c: -nearer_end(c),
             bounds=(lower, upper),
             method='bounded',
             options={'xatol': 1e-4})
-        return interval(float(result.x)) if result.fun < -1.0 else None
+        if not result.fun < -1.0:
+            return None
+        return interval(float(result.x))
 
     def lags(self, ratio: float = 1.0) -> StableRange | None:
         """
@@ -271,7 +289,10 @@ class Loops:
         lateness = lag + self.period * (1 + self.delay)
         grid = np.linspace(0.0, 20.0 * lateness, 200)
         candidates = (lag, *grid.tolist())
-        start = next((x for x in candidates if radius(x) < 1.0), lag)
+        stable = (
+            x for x in candidates
+            if radius(x) < 1.0)
+        start = next(stable, lag)
         return stable_range(radius, start, grid)
 
     def delays(self, ratio: float = 1.0) -> tuple[int, ...]:
@@ -280,13 +301,15 @@ class Loops:
             return dataclasses.replace(self, delay=delay).radius(ratio)
 
         candidates = range(self.delay + _MORE_DELAYS)
-        return tuple(delay for delay in candidates if radius(delay) < 1.0)
+        return tuple(
+            delay for delay in candidates
+            if radius(delay) < 1.0)
 
     def margins(self) -> Margins:
         """Compute all margins."""
         return Margins(
-            self.radius(),
-            self.ratios(),
-            self.guaranteed(),
-            tuple(map(self.lags, RATIOS)),
-            tuple(map(self.delays, RATIOS)))
+            radius=self.radius(),
+            ratios=self.ratios(),
+            guaranteed=self.guaranteed(),
+            lags=tuple(map(self.lags, RATIOS)),
+            delays=tuple(map(self.delays, RATIOS)))

@@ -49,7 +49,9 @@ def interpolate(t: int, times: Sequence[int], points: Sequence[Point], i: int) -
     """
     start = points[i - 1]
     goal = points[i]
-    rows = min(sum(map(bool, start)), sum(map(bool, goal)))
+    start_rows = sum(map(bool, start))
+    goal_rows = sum(map(bool, goal))
+    rows = min(start_rows, goal_rows)
     begin = times[i - 1]
     h = seconds(times[i] - begin)
     s = seconds(t - begin) / h
@@ -88,7 +90,8 @@ def follow_turns(
         if state is not None:
             q0, dq0, _ = state
             zeros = (0.0,) * len(q)
-            speeds = (dq0, dq) if len(dq0) and len(dq) else (zeros, zeros)
+            has_speeds = len(dq0) and len(dq)
+            speeds = (dq0, dq) if has_speeds else (zeros, zeros)
             h = seconds(t - start)
             turned = []
             for x, x0, v0, v, endless in zip(q, q0, *speeds, continuous):
@@ -180,7 +183,8 @@ class Trajectory:
     def limit(self, max_count: int) -> None:
         """Keep the last `max_count` points."""
         if len(self._times) > max_count:
-            self.forget(self._times[-max_count])
+            first_kept = self._times[-max_count]
+            self.forget(first_kept)
 
     def at(self, t: int) -> Point | None:
         """Return the point at `t` [ns], if one is known."""
@@ -194,7 +198,8 @@ class Trajectory:
             return interpolate(t, self._times, self._points, i)
         q, dq, _ = self._points[-1]
         h = seconds(min(lateness, self.grace))
-        zeros = (0.0,) * len(q)
         q = tuple(x + h * v for x, v in zip(q, dq))
-        dq = dq if lateness <= self.grace else zeros
+        zeros = (0.0,) * len(q)
+        if lateness > self.grace:
+            dq = zeros
         return q, dq, zeros

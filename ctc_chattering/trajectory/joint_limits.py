@@ -50,7 +50,8 @@ class JointLimits(NamedTuple):
     def violation(self, quantity: str, values: Sequence[float]) -> str:
         """Describe how far values exceed a limit, if they do."""
         lower, upper = getattr(self, quantity)
-        lowest, highest = min(values), max(values)
+        lowest = min(values)
+        highest = max(values)
         excess, value, limit, side = max(
             (highest - upper, highest, upper, 'above its upper'),
             (lower - lowest, lowest, lower, 'below its lower'))
@@ -81,7 +82,8 @@ def read_limits(urdf: str, joint_names: Sequence[str]) -> list[JointLimits]:
     """
     tree = Tree(urdf)
     tree.check_limits(joint_names)
-    return [_joint_limits(name, tree.joints.get(name)) for name in joint_names]
+    joints = map(tree.joints.get, joint_names)
+    return list(map(_joint_limits, joint_names, joints))
 
 
 def _joint_limits(name: str, joint: Joint | None) -> JointLimits:
@@ -148,4 +150,5 @@ def continuous_joints(config: DescribedConfig, limits: Sequence[JointLimits] | N
         Limits of the joints of `config`, if there is a description of the robot.
 
     """
-    return config.which_are_continuous([joint.continuous for joint in limits or ()])
+    described = [joint.continuous for joint in limits or ()]
+    return config.which_are_continuous(described)

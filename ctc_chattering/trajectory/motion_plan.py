@@ -177,14 +177,18 @@ class MotionPlan:
         route = requested.by_the_short_way(continuous, (begin, state))
         last = route.times[-1]
         if last <= now:
-            raise CtcError(f'all waypoints are past: the last one was due at '
-                           f'{seconds(epoch + last):.3f} s, now it is '
-                           f'{seconds(epoch + now):.3f} s; are the clocks synchronised?')
+            due = seconds(epoch + last)
+            present_time = seconds(epoch + now)
+            raise CtcError(
+                f'all waypoints are past: the last one was due at {due:.3f} s, '
+                f'now it is {present_time:.3f} s; are the clocks synchronised?')
         motion = Waypoints(route.times, route.points, (begin, state))
         if self.limits is not None:
             check_limits('the motion', self.limits, motion.extremes())
         past = bisect_right(route.times, begin)
-        passage = self._join(route, past, motion, begin, state) if past else motion
+        passage: Waypoints | Transition = motion
+        if past:
+            passage = self._join(route, past, motion, begin, state)
         self.motion = Transition(present, passage, begin, 0.0)
         end = max(last, passage.end)
         return Followed(len(route.points), past, end, _turned_joints(requested, route))
@@ -198,7 +202,10 @@ class MotionPlan:
         limits = self.limits or list(map(JointLimits, route.names))
         limits = limit_speed(limits, speed)
         if past < len(route.points):
-            direct = Waypoints(route.times[past:], route.points[past:], (begin, state))
+            direct = Waypoints(
+                route.times[past:],
+                route.points[past:],
+                (begin, state))
             if not describe_violations(limits, direct.extremes()):
                 return direct
         return fit_duration(

@@ -127,9 +127,10 @@ class JointTrapezoid(JointSinusoid):
     def at(self, s: float) -> JointPoint:
         """Return the point at `s` [s]."""
         slow = 0.5 * self.omega
-        moves, angle = divmod(slow * s + self.phase, 2.0 * pi)
+        angle = slow * s + self.phase
+        moves, angle_of_move = divmod(angle, 2.0 * pi)
         size = -self.amplitude if moves % 2.0 else self.amplitude
-        x, v, a = _unit_move(angle)
+        x, v, a = _unit_move(angle_of_move)
         return JointPoint(
             self.center + size * x,
             slow * size * v,
@@ -276,7 +277,8 @@ def _state(config: ReferenceConfig, start: RobotState, default: Point, continuou
     for name, joint, endless in zip(config.joint_names, zip(*default), continuous):
         if name in start:
             q, dq = start[name]
-            joint = (nearest(q, joint[0]) if endless else q, dq, 0.0)
+            default_q, _, _ = joint
+            joint = (nearest(q, default_q) if endless else q, dq, 0.0)
         joints.append(joint)
     return tuple(zip(*joints))  # type: ignore[return-value]
 
@@ -297,9 +299,14 @@ def _start_smoothly(make: Callable[[float], Transition], config: ReferenceConfig
                    f'description: {text}; {advice}')
 
 
-def reference_table(config: ReferenceConfig, route: Route | None,
-                    start: StateItems, joints: tuple[str, ...], period: int, count: int,
-                    continuous: tuple[bool, ...] = ()) -> Array:
+def reference_table(
+        config: ReferenceConfig,
+        route: Route | None,
+        start: StateItems,
+        joints: tuple[str, ...],
+        period: int,
+        count: int,
+        continuous: tuple[bool, ...] = ()) -> Array:
     """
     Return samples of the desired motion, shape (count, 3, n).
 
@@ -331,8 +338,13 @@ def reference_table(config: ReferenceConfig, route: Route | None,
 
 
 @lru_cache(128)
-def _profile_table(config: ReferenceConfig, start: StateItems, order: tuple[int, ...],
-                   period: int, count: int, continuous: tuple[bool, ...]) -> Array:
+def _profile_table(
+        config: ReferenceConfig,
+        start: StateItems,
+        order: tuple[int, ...],
+        period: int,
+        count: int,
+        continuous: tuple[bool, ...]) -> Array:
     """Return samples of a profile, which many runs share."""
     motion = make_motion(config, None, dict(start), continuous=continuous)
     if not isinstance(motion, Transition):

@@ -170,7 +170,8 @@ class MotionSchedule:
         begin = self._after_published(self.now)
         epoch = (self._start or 0) - self._lead
         start = stamp - epoch if stamp else begin
-        route = route._replace(times=[start + t for t in route.times])
+        times = [start + t for t in route.times]
+        route = route._replace(times=times)
         followed = self._plan.follow(route, self.now, begin, epoch)
         self._next = begin // self._period
         return followed
@@ -181,19 +182,21 @@ class MotionSchedule:
         begin = self._after_published(self.now)
         if self._plan.update(self.now, begin):
             self._next = begin // self._period
-        return (self._start or 0) + self._plan.in_force
+        start = self._start or 0
+        return start + self._plan.in_force
 
     def chunks(self) -> Iterator[tuple[int, list[Point]]]:
         """Yield stamp and samples of each chunk up to the horizon."""
         assert self.now is not None and self._plan.motion is not None
+        start = self._start or 0
         present = self.now // self._period
         self._next = max(self._next, present)
         while self._next < present + self._ahead:
             begin = self._next * self._period
             end = begin + self.chunk_size * self._period
             instants = range(begin, end, self._period)
-            stamp = (self._start or 0) + begin
-            yield stamp, list(map(self._plan.motion.at, instants))
+            points = list(map(self._plan.motion.at, instants))
+            yield start + begin, points
             self._next += self.chunk_size
 
     def _after_published(self, now: int) -> int:

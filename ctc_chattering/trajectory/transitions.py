@@ -100,7 +100,16 @@ def braking(t0: int, start: Point, duration: float) -> Waypoints:
     return Waypoints([end], [goal], (t0, start))
 
 
-class Stop:
+class _TimedPassage:
+    """Times of a passage that begins at `t0` [ns] and takes a duration [s]."""
+
+    def __init__(self, t0: int, duration: float) -> None:
+        self.t0 = t0
+        self.end = t0 + round(duration * NANOSECONDS)
+        self._span = seconds(self.end - t0)
+
+
+class Stop(_TimedPassage):
     """
     A motion that comes to rest on its own path.
 
@@ -125,27 +134,28 @@ class Stop:
     """
 
     def __init__(self, path: TimedMotion, t0: int, duration: float) -> None:
+        super().__init__(t0, duration)
         self._path = path
-        self.t0 = t0
-        self.end = t0 + round(duration * NANOSECONDS)
-        self._span = seconds(self.end - t0)
 
     def at(self, t: int) -> Point:
         """Return the point at `t` [ns]."""
         if t <= self.t0:
             return self._path.at(t)
+        T = self._span
         duration = min(t, self.end) - self.t0
-        s = seconds(duration) / self._span
-        elapsed = self._span * (s - s ** 3 + 0.5 * s ** 4)
+        s = seconds(duration) / T
+        elapsed = T * (s - s ** 3 + 0.5 * s ** 4)
         rate = 1.0 - s * s * (3.0 - 2.0 * s)
-        rate_change = 6.0 * s * (s - 1.0) / self._span
+        rate_change = 6.0 * s * (s - 1.0) / T
         t_on_path = self.t0 + round(elapsed * NANOSECONDS)
         q, dq, ddq = np.array(self._path.at(t_on_path))
-        slower_ddq = rate * rate * ddq + rate_change * dq
-        return as_point(q, rate * dq, slower_ddq)
+        return as_point(
+            q,
+            rate * dq,
+            rate * rate * ddq + rate_change * dq)
 
 
-class Transition:
+class Transition(_TimedPassage):
     """
     A mean of two motions that shifts from one to the other.
 
@@ -174,11 +184,9 @@ class Transition:
     """
 
     def __init__(self, origin: TimedMotion, target: TimedMotion, t0: int, duration: float) -> None:
+        super().__init__(t0, duration)
         self.origin = origin
         self.target = target
-        self.t0 = t0
-        self.end = t0 + round(duration * NANOSECONDS)
-        self._span = seconds(self.end - t0)
 
     def at(self, t: int) -> Point:
         """Return the point at `t` [ns]."""
@@ -186,7 +194,8 @@ class Transition:
             return self.target.at(t)
         if t <= self.t0:
             return self.origin.at(t)
-        s = seconds(t - self.t0) / self._span
+        duration = t - self.t0
+        s = seconds(duration) / self._span
         w, dw, ddw = quintic(s, self._span, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
         origin = np.array(self.origin.at(t))
         shift = np.array(self.target.at(t)) - origin
@@ -227,8 +236,10 @@ def smooth_start(motion: TimedMotion, t0: int, start: Point, duration: float) ->
     """
     if not 1e-9 <= duration < inf:
         raise ParameterError('duration', duration, 'a finite number of seconds >= 1e-9')
-    start = check_point('start', start, len(motion.at(t0)[0]))
-    stop = braking(t0, start, min(duration, BRAKING_TIME))
+    q, _, _ = motion.at(t0)
+    start = check_point('start', start, len(q))
+    braking_time = min(duration, BRAKING_TIME)
+    stop = braking(t0, start, braking_time)
     return Transition(stop, motion, t0, duration)
 
 

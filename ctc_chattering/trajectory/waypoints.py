@@ -67,16 +67,20 @@ class Waypoints:
 
     """
 
-    def __init__(self, times: Sequence[int], points: Sequence[Point],
-                 start: tuple[int, Point] | None = None) -> None:
+    def __init__(
+            self,
+            times: Sequence[int],
+            points: Sequence[Point],
+            start: tuple[int, Point] | None = None) -> None:
         self._points = _check_points(times, points)
         self._times = list(times)
-        if start is not None:
-            t, state = start
-            n = len(self._points[0][0])
-            if whole('start', t) < self._times[0]:
-                self._times.insert(0, t)
-                self._points.insert(0, check_point('start', state, n))
+        if start is None:
+            return
+        t, state = start
+        first_q, _, _ = self._points[0]
+        if whole('start', t) < self._times[0]:
+            self._times.insert(0, t)
+            self._points.insert(0, check_point('start', state, len(first_q)))
 
     @property
     def end(self) -> int:
@@ -88,15 +92,17 @@ class Waypoints:
         points = []
         for begin, end in pairwise(self._times):
             for k in range(_CHECKS_PER_SEGMENT):
-                t = begin + (end - begin) * k // _CHECKS_PER_SEGMENT
-                points.append(self.at(t))
-        return [*points, self.at(self.end)]
+                elapsed = (end - begin) * k // _CHECKS_PER_SEGMENT
+                points.append(self.at(begin + elapsed))
+        points.append(self.at(self.end))
+        return points
 
     def at(self, t: int) -> Point:
         """Return the point at `t` [ns]."""
         t = t if type(t) is int else whole('t', t)
         i = bisect_right(self._times, t)
-        q, dq, ddq = start = self._points[max(i - 1, 0)]
+        start = self._points[max(i - 1, 0)]
+        q, dq, ddq = start
         zeros = (0.0,) * len(q)
         if i == 0 or t > self.end:
             return q, zeros, zeros
@@ -162,14 +168,17 @@ class Route(NamedTuple):
         """
         if not any(continuous):
             return self
-        points = list(follow_turns(self.times, self.points, continuous, self.times[0], None))
+        first = self.times[0]
+        points = list(follow_turns(self.times, self.points, continuous, first, None))
         if start is None:
             return self._replace(points=points)
         begin, state = start
         i = min(bisect_right(self.times, begin), len(points) - 1)
         times = [self.times[i]]
         (reached,) = follow_turns(times, [points[i]], continuous, begin, state)
-        turns = list(map(turns_to, points[i][0], reached[0]))
+        q, _, _ = points[i]
+        near_q, _, _ = reached
+        turns = list(map(turns_to, q, near_q))
         turned_points = []
         for q, dq, ddq in points:
             turned_points.append((tuple(map(turned, q, turns)), dq, ddq))
@@ -179,21 +188,23 @@ class Route(NamedTuple):
 def check_names(names: Sequence[str], needed: Sequence[str]) -> None:
     """Raise `ParameterError` unless each needed joint is named once."""
     if sorted(names) != sorted(needed):
-        raise ParameterError(
-            'joint_names', tuple(names), 'each of these once: ' + ', '.join(needed))
+        allowed = 'each of these once: ' + ', '.join(needed)
+        raise ParameterError('joint_names', tuple(names), allowed)
 
 
 def _check_points(times: Sequence[int], points: Sequence[Point], n: int = 0) -> list[Point]:
     """Return checked points as tuples of floats."""
-    if not len(points):
+    count = len(points)
+    if not count:
         raise ParameterError('points', [], 'one or more')
-    if len(times) != len(points):
-        raise ParameterError('times', tuple(times), f'one per point: {len(points)}')
+    if len(times) != count:
+        raise ParameterError('times', tuple(times), f'one per point: {count}')
     whole('times[0]', times[0])
     result: list[Point] = []
     for i, (t, point) in enumerate(zip(times, points)):
-        result.append(check_point(f'points[{i}]', point, n))
-        n = n or len(result[0][0])
+        checked = check_point(f'points[{i}]', point, n)
+        result.append(checked)
+        n = len(checked[0])
         previous = times[i - 1]
         if i and whole(f'times[{i}]', t) <= previous:
             raise ParameterError(
