@@ -35,7 +35,7 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import RECORDS
 from ctc_chattering.compiled.records import load, packed
-from ctc_chattering.control.controller import Controller
+from ctc_chattering.control.controller import Controller, Sample
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.sample import TRANSIT_ROWS
 from ctc_chattering.dynamics.model import Model
@@ -86,8 +86,9 @@ class LinearLaw(NamedTuple):
 
     def only(self, states: Flags) -> LinearLaw:
         """Return the system of some of its states."""
+        of_states = np.ix_(states, states)
         return self._replace(
-            A=self.A[np.ix_(states, states)],
+            A=self.A[of_states],
             B=self.B[states],
             C=self.C[:, states])
 
@@ -189,9 +190,8 @@ class _SteadyMotion:
         self._ones = np.ones(len(mass))
         settling = _SETTLING_SAMPLES + 2 * config.input_delay
         for k in range(-settling, 0):
-            points = self._points(k)
-            q, dq, _ = points[0]
-            controller.step(q, dq, *points[0], points[1:])
+            q = k * self._period * self._ones
+            self._answer(q, self._ones, k)
         memories = controller.memories
         if type(memories.law) not in RECORDS:
             raise CtcError(
@@ -201,16 +201,20 @@ class _SteadyMotion:
         memory = self._memory()
         #: Number of values in the memory.
         self.states = len(memory)
-        self._values = np.concatenate([memory, self._zeros, self._ones])
+        self._values = np.concatenate([
+            memory,
+            self._zeros,
+            self._ones])
 
-    def _points(self, k: int) -> list[tuple[Any, Any, Any]]:
-        """Return the reference from sample `k` on."""
+    def _answer(self, q: Any, dq: Any, k: int) -> Sample:
+        """Return the answer to a state with the reference from sample `k` on."""
         delay = self._controller.config.input_delay
-        points = []
+        points: list[Any] = []
         for index in range(k, k + delay + 1):
             t = index * self._period
             points.append((t * self._ones, self._ones, self._zeros))
-        return points
+        q_d, dq_d, ddq_d = points[0]
+        return self._controller.step(q, dq, q_d, dq_d, ddq_d, points[1:])
 
     def _memory(self) -> Array:
         """Return the memories with the torques in transit in order."""
@@ -222,22 +226,24 @@ class _SteadyMotion:
         control = memories.control._replace(transit_index=0.0)
         record = packed(memories._replace(control=control))
         numbers = np.frombuffer(record.tobytes())
-        return np.concatenate([numbers, transit.ravel()])
+        return np.concatenate([
+            numbers,
+            transit.ravel()])
 
     def _step(self, values: Array) -> Array:
         """Return memory and τ a period later."""
         controller = self._controller
         count = self._layout.itemsize // 8
         numbers, transit, y = np.split(values, [count, self.states])
-        controller.transit[:] = transit.reshape(controller.transit.shape)
+        shape = controller.transit.shape
+        controller.transit[:] = transit.reshape(shape)
         record, = np.frombuffer(numbers.tobytes(), self._layout)
         controller.memories = load(record)
-        q: Any
-        dq: Any
         q, dq = np.split(y, 2)
-        points = self._points(0)
-        sample = controller.step(q, dq, *points[0], points[1:])
-        return np.concatenate([self._memory(), sample.tau])
+        sample = self._answer(q, dq, 0)
+        return np.concatenate([
+            self._memory(),
+            sample.tau])
 
     def sensitivity(self) -> Array:
         """
@@ -250,13 +256,15 @@ class _SteadyMotion:
         of_dq = self._ones / self._period
         noise = np.concatenate([self._ones, of_dq])
         undisturbed = self._step(self._values)[:m]
-        deviation = largest = np.zeros(m)
+        deviation = np.zeros(m)
+        largest = np.zeros(m)
         for _ in range(64):
             y = _DIFFERENCE * noise * rng.standard_normal(len(noise))
             change = np.concatenate([deviation, y])
             disturbed = self._values + change
             deviation = self._step(disturbed)[:m] - undisturbed
-            largest = np.maximum(largest, np.abs(deviation) / _DIFFERENCE)
+            gain = np.abs(deviation) / _DIFFERENCE
+            largest = np.maximum(largest, gain)
         memory = self._values[:m]
         rounding = _ROUNDING * np.maximum(np.abs(memory), 1.0)
         reached = np.where(largest > rounding, largest, 0.0)

@@ -212,10 +212,10 @@ class Loops:
             next_memory])
 
         values, vectors = np.linalg.eigh(mass)
-        root = vectors / np.sqrt(values) @ vectors.T
+        scaled = vectors / np.sqrt(values)
+        root = scaled @ vectors.T
         B = np.zeros((len(A), 2 * n))
-        B[:n, :n] = 0.5 * h * h * root
-        B[:n, n:] = B[:n, :n]
+        B[:n] = 0.5 * h * h * np.hstack([root, root])
         B[n:2 * n, :n] = h * root
         difference = weighted - mean
         C = np.vstack([
@@ -263,12 +263,10 @@ class Loops:
 
         ends = list(map(nearer_end, _CENTRES))
         best = int(np.argmax(ends))
-        last = len(_CENTRES) - 1
-        lower = _CENTRES[max(best - 1, 0)]
-        upper = _CENTRES[min(best + 1, last)]
+        near = _CENTRES[max(best - 1, 0):best + 2]
         result = minimize_scalar(
             lambda c: -nearer_end(c),
-            bounds=(lower, upper),
+            bounds=(near[0], near[-1]),
             method='bounded',
             options={'xatol': 1e-4})
         if not result.fun < -1.0:
