@@ -42,6 +42,11 @@ def rows(array: Any, like: Any) -> Any:
     return array.reshape(-1, len(like))
 
 
+def element_of(array: Any, i: int) -> Any:
+    """Return vector or matrix `i` of a field of a NumPy record; it must not be negative."""
+    return array[i]
+
+
 def load(fields: Any) -> Any:
     """Return the record in a NumPy record."""
     marked = kind_of(fields.dtype.names)

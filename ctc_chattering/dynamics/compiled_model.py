@@ -177,7 +177,7 @@ class CompiledArm:
     def __init__(self, arm: ArmNumbers, n: int) -> None:
         self._n = n
         self._arm = record_of(arm)
-        body = record_of(tree.body_scratch(n))
+        body = record_of(tree.BodyScratch(n))
         call = packed(Callee(0, 0))
         self.model = CompiledModel(call, body)
         set_terms, set_mass_and_bias = ARM_FUNCTIONS[type(arm)]

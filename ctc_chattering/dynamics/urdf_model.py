@@ -149,14 +149,14 @@ class UrdfModel(Model, LinearModel):
         model = self._model
         placements = model.jointPlacements.tolist()[1:]
         inertias = model.inertias.tolist()[1:]
-        parents = np.array(model.parents.tolist()[1:]) - 1
+        parents = (np.array(model.parents.tolist()[1:]) - 1) % (self.n + 1)
         # S of each joint, linear part first.
         motions = [
             np.array(joint.createData().S).ravel()
             for joint in model.joints.tolist()[1:]
         ]
         prismatic = np.array([not motion[3:].any() for motion in motions])
-        # The last one is the base's, which the parent -1 takes.
+        # The last one is the base's.
         turns = np.array(
             [
                 *(
@@ -169,6 +169,7 @@ class UrdfModel(Model, LinearModel):
         into_parents = turns[parents].swapaxes(1, 2)
         turns = turns[:-1]
         into_bodies = turns.swapaxes(1, 2)
+        rotations = np.array([placement.rotation for placement in placements])
         offsets = np.array([placement.translation for placement in placements])
         centers = np.array([body.lever for body in inertias])
         return Arm(
@@ -176,9 +177,7 @@ class UrdfModel(Model, LinearModel):
             parent=parents,
             prismatic=prismatic,
             joint=self._order,
-            rotation=into_parents
-            @ [placement.rotation for placement in placements]
-            @ turns,
+            axes=(into_parents @ rotations @ turns).swapaxes(1, 2),
             offset=(into_parents @ offsets[:, :, np.newaxis])[:, :, 0],
             mass=np.array([body.mass for body in inertias]),
             center=(into_bodies @ centers[:, :, np.newaxis])[:, :, 0],

@@ -27,19 +27,21 @@ BRANCHES = ('lift', 'other', 'turn', 'shoulder')
 
 
 def test_products_are_those_of_numpy() -> None:
-    x, y, z = np.random.default_rng(1).normal(size=(3, 3))
-    assert tree.product(x, y) == pytest.approx(x @ y)
+    matrix = np.random.default_rng(1).normal(size=(3, 3))
+    x, y, z = matrix
     assert tree.add_product(2.0, x, y) == pytest.approx(2.0 + x @ y)
-    assert [tree.cross(x, y, a) for a in range(3)] == pytest.approx(np.cross(x, y))
-    assert [tree.add_cross(z[a], x, y, a) for a in range(3)] == pytest.approx(z + np.cross(x, y))
-    point = [[tree.point_inertia(2.0, x, a, b) for b in range(3)] for a in range(3)]
+    assert tree.add_cross(z, x, y) == pytest.approx(z + np.cross(x, y))
+    assert tree.add_rows(z, matrix, x) == pytest.approx(z + x @ matrix)
+    power = tree.power(tree.Spatial(x, y), tree.Spatial(y, z))
+    assert power == pytest.approx(x @ y + y @ z)
+    point = [tree.point_inertia(2.0, x, a) for a in range(3)]
     np.testing.assert_allclose(point, 2.0 * (x @ x * np.eye(3) - np.outer(x, x)), atol=1e-14)
 
 
 def test_newton_and_euler_give_the_sum_of_coriolis_and_gravity() -> None:
     arm = arm_of(UrdfModel(panda(), PANDA))
     assert isinstance(arm, tree.Arm)
-    s = tree.body_scratch(7)
+    s = tree.BodyScratch(7)
     q, dq = np.random.default_rng(2).uniform(-2.0, 2.0, (2, 7))
     G, bias = np.zeros((2, 7))
     tree.evaluate(arm, q, dq, s, s.M, s.C, G)
@@ -54,7 +56,7 @@ def test_newton_and_euler_give_the_sum_of_coriolis_and_gravity() -> None:
 
 
 def test_joints_that_do_not_carry_each_other_have_0_whatever_the_last_arm_had() -> None:
-    s = tree.body_scratch(4)
+    s = tree.BodyScratch(4)
     branching = UrdfModel(branching_arm(), BRANCHES, 3.7, {'bent': 0.6})
     q, dq = np.random.default_rng(6).uniform(-2.0, 2.0, (2, 4))
     G = np.zeros(4)
