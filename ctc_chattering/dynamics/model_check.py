@@ -87,14 +87,6 @@ class _SampledState:
         #: √M_ii, shape (n,).
         self.size: Array = np.sqrt(np.maximum(np.abs(self.M.diagonal()), 1e-300))
 
-    def is_well_formed(self) -> bool:
-        """Return whether terms are finite and have their shapes."""
-        n = self.model.n
-        terms = (self.M, self.C, self.G)
-        return [x.shape for x in terms] == [(n, n), (n, n), (n,)] and all(
-            np.isfinite(x).all() for x in terms
-        )
-
     def matrix_error(self, error: Array, scale: float = 1.0) -> float:
         """Return the largest relative element of an error of M."""
         return float(np.abs(error / np.outer(self.size, self.size)).max()) / scale
@@ -196,22 +188,24 @@ def _outcome(check: _Check, state: _SampledState) -> PropertyCheck:
         exception_text = f'{type(exception).__name__}: {exception}'
     if np.isnan(error):
         error = np.inf
-    q = tuple(state.q.tolist())
-    dq = tuple(state.dq.tolist())
     return PropertyCheck(
         check.name,
         error <= check.tolerance,
         error,
         check.tolerance,
-        q,
-        dq,
+        tuple(state.q.tolist()),
+        tuple(state.dq.tolist()),
         exception_text,
     )
 
 
 def _malformed(s: _SampledState) -> float:
     s.evaluate()
-    return 0.0 if s.is_well_formed() else np.inf
+    terms = (s.M, s.C, s.G)
+    n = s.model.n
+    if [x.shape for x in terms] != [(n, n), (n, n), (n,)]:
+        return np.inf
+    return 0.0 if all(np.isfinite(x).all() for x in terms) else np.inf
 
 
 def _symmetry_error(s: _SampledState) -> float:

@@ -64,8 +64,8 @@ class Arm:
     gravity: float
     #: Body that carries each body, n for the base, shape (n,).
     parent: npt.NDArray[np.int64]
-    #: True for a prismatic joint, shape (n,).
-    prismatic: npt.NDArray[np.bool_]
+    #: 1 for a prismatic joint, else 0, shape (n,).
+    prismatic: npt.NDArray[np.int8]
     #: Index in q, M, C and G of the joint of each body, shape (n,).
     joint: npt.NDArray[np.int64]
     #: Axes of the body at position 0 in the frame of the parent, a row each, shape (n, 3, 3).

@@ -175,7 +175,7 @@ class UrdfModel(Model, LinearModel):
         return Arm(
             gravity=self.gravity,
             parent=parents,
-            prismatic=prismatic,
+            prismatic=prismatic.astype(np.int8),
             joint=self._order,
             axes=(into_parents @ rotations @ turns).swapaxes(1, 2),
             offset=(into_parents @ offsets[:, :, np.newaxis])[:, :, 0],
