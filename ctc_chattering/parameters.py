@@ -41,6 +41,10 @@ import numpy as np
 import numpy.typing as npt
 
 C = TypeVar('C', bound='Config')
+#: Annotation of a parameter with a number per joint.
+PerJoint = tuple[float, ...]
+#: Annotation of a parameter with strings.
+Strings = tuple[str, ...]
 
 #: Least magnitude of a number that must not be 0. Less is no gain, time, torque or length.
 LEAST = 1e-9
@@ -51,9 +55,9 @@ _LARGEST_INTEGER = 2 ** 62
 #: Name of a class of the user's: ``package.module:Name``.
 OWN_CLASS = re.compile(r'[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*')
 #: Kinds of the annotations that are not themselves a kind.
-_KINDS = {'tuple[float, ...]': 'float[]', 'tuple[str, ...]': 'str[]'}
+_KINDS = {'PerJoint': 'float[]', 'Strings': 'str[]'}
 #: Shapes that annotations imply.
-_SHAPES = {'tuple[float, ...]': 'n'}
+_SHAPES = {'PerJoint': 'n'}
 #: Kinds that have a range.
 _NUMBERS = ('float', 'float[]', 'int')
 _TYPE_NAMES = {

@@ -211,7 +211,8 @@ def load_period(mechanism: Mechanism, command: Array, gap: Array, k: int) -> Per
         coulomb = coulomb + friction.load_friction * np.abs(mean)
     return PeriodLoad(
         mechanism, k * mechanics.period_ns / 1e9,
-        commanded - friction.friction_asymmetry * coulomb, coulomb + friction.stribeck_friction, gap, mean, k < mechanics.push_end)
+        commanded - friction.friction_asymmetry * coulomb, coulomb + friction.stribeck_friction,
+        gap, mean, k < mechanics.push_end)
 
 
 @function
