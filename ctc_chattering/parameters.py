@@ -394,7 +394,8 @@ class Config:
             For the name of a class that the user does not replace.
 
         """
-        values, classes = dict(values), classes or {}
+        values = dict(values)
+        classes = classes or {}
         for name, spec in cls.parameters().items():
             value = values.get(name)
             if spec.custom and isinstance(value, str) and value not in spec.choices:
@@ -414,7 +415,8 @@ class Config:
         """Return a checked copy with other values of some parameters."""
         if 'joint_names' in values:  # The number of joints concerns all other parameters.
             return self.from_mapping({**self.as_mapping(), **values})
-        config, n = copy(self), len(getattr(self, 'joint_names', ()))
+        config = copy(self)
+        n = len(getattr(self, 'joint_names', ()))
         for spec, value in self._declarations(values):
             object.__setattr__(config, spec.field, spec.checked(value, n))
         config.validate()

@@ -243,7 +243,8 @@ def _posture_range(joint: JointLimits) -> tuple[float, float]:
     """Return the range of a joint's postures [rad or m]."""
     low, high = joint.position
     room = min(_MAX_ROOM, _ROOM_SHARE * (high - low))
-    low, high = low + room, high - room
+    low = low + room
+    high = high - room
     if low == -inf and high == inf:
         return -0.5 * _RANGE, 0.5 * _RANGE
     if low == -inf:

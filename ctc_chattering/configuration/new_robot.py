@@ -249,8 +249,8 @@ def _find_payload(text: str, names: tuple[str, ...], model: Model, gravity: floa
     loaded = UrdfModel(with_payload(text, names, 1.0), names, gravity)
     generator = np.random.default_rng(0)
     postures = generator.uniform(-np.pi, np.pi, (_PAYLOAD_POSTURES, model.n)).tolist()
-    weight = np.array([model.gravity_torque(q) for q in postures])
-    loaded_weight = np.array([loaded.gravity_torque(q) for q in postures])
+    weight, loaded_weight = (
+        np.array([arm.gravity_torque(q) for q in postures]) for arm in (model, loaded))
     torque_per_kg = np.abs(loaded_weight - weight).max(axis=0)
     if stated is not None:
         return Known(stated, Source.USER), stated * torque_per_kg

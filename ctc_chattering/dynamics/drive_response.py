@@ -100,7 +100,8 @@ def response(gap: Array, lag: Array, rate: Array, s: float) -> tuple[Array, Arra
     Parameters are those of `drive_phases`.
     """
     phases = drive_phases(gap, lag, rate, max(s, 0.0))  # Rounding apart, s is never less.
-    ramp, error = phases.ramp, phases.error
+    ramp = phases.ramp
+    error = phases.error
     end = error * phases.decay
     area = ramp * (0.5 * phases.slope * ramp - gap)
     return end, area + lag * (error - end)
@@ -173,12 +174,16 @@ class DriveModel(NamedTuple):
 
     def follow(self, torque: Array, command: Array) -> DriveTorque:
         """Return the torque that follows a held `command`, each of shape (n,) [N·m]."""
-        h, T, x0 = self.period, self.lag, torque - command
+        h = self.period
+        T = self.lag
+        x0 = torque - command
         if every(np.abs(x0) <= self.linear_gap):
             return DriveTorque(command + self.decay * x0, command + self.mean * x0,
                                command + self.weighted * x0)
         phases = drive_phases(command - torque, T, self.rate, h)
-        r, slope, x1 = phases.ramp, phases.slope, phases.error
+        r = phases.ramp
+        slope = phases.slope
+        x1 = phases.error
         area = r * (x0 + 0.5 * slope * r)
         tail = T * x1 * (1.0 - phases.decay)
         weighted = h * area - r * r * (0.5 * x0 + slope * r / 3.0) + T * (x1 * (h - r) - tail)

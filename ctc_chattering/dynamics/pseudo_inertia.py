@@ -87,8 +87,7 @@ def _units(mass: float, length: float) -> Array:
 
 def stacked(matrix: Array) -> Array:
     """Return the elements of symmetric matrices, shape (..., 10)."""
-    elements: Array = matrix[..., _UPPER[0], _UPPER[1]] * _STRETCH
-    return elements
+    return matrix[..., _UPPER[0], _UPPER[1]] * _STRETCH
 
 
 def symmetric(elements: Array) -> Array:

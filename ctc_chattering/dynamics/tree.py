@@ -15,7 +15,7 @@
 """
 M, C and G of a tree of bodies, compilable.
 
-`compiled_model` calls it with an `Arm`, which `UrdfModel.bodies` makes. Plain Python has Pinocchio
+`CompiledArm` runs `set_terms` and `set_mass_and_bias` with an `Arm`, which `UrdfModel.bodies` makes. Plain Python has Pinocchio
 (`urdf_model`) for the same terms, and takes this module for tests only.
 
 Everything is in the frame of the base. A motion (ω, v) has the velocity v of the point at the
@@ -325,23 +325,14 @@ def fill_mass(arm: Arm, s: BodyScratch, j: int, M: Array) -> Spatial:
 
 
 @function
-def mass_matrix(arm: Arm, s: BodyScratch, M: Array) -> None:
-    """Set M, after `place` and `weigh`."""
-    M[:] = 0.0
-    for j in range(len(arm.parent) - 1, -1, -1):
-        fill_mass(arm, s, j, M)
-        gather_mass(arm, s, j)
-
-
-@function
-def evaluate(
-    arm: Arm, q: Array, dq: Array, s: BodyScratch, M: Array, C: Array, G: Array
-) -> None:
-    """Set M, C and G by (RB4) to (RB6)."""
-    place(arm, q, s)
+def set_terms(arm: Arm, s: BodyScratch, terms: Any) -> int:
+    """Set M, C and G of a `StateTerms` by (RB4) to (RB6)."""
+    place(arm, terms.q, s)
     weigh(arm, s)
-    move(arm, dq, s)
+    move(arm, terms.dq, s)
     couple(arm, s)
+    M = terms.M
+    C = terms.C
     M[:] = 0.0
     C[:] = 0.0
     for j in range(len(arm.parent) - 1, -1, -1):
@@ -352,7 +343,7 @@ def evaluate(
         column = arm.joint[j]
         # (RB6), with g along -z.
         tilting = add_cross(0.0, z, element_of(s.inertia, j)[_VECTOR])
-        G[column] = arm.gravity * (tilting[2] + S.linear[2] * s.mass[j])
+        terms.G[column] = arm.gravity * (tilting[2] + S.linear[2] * s.mass[j])
         momentum = fill_mass(arm, s, j, M)
         # (K', L') of (RB3), and Wᵀ z + P x v of (RB5).
         spin = z
@@ -372,23 +363,23 @@ def evaluate(
             i = arm.parent[i]
         gather_mass(arm, s, j)
         gather(s.coupling, j, arm.parent[j])
+    return 0
 
 
 @function
-def bias(arm: Arm, s: BodyScratch, dq: Array, out: Array) -> None:
-    """
-    Set C dq + G.
-
-    It comes after `place`, `weigh` and `move`, and before `mass_matrix`.
-    """
+def set_mass_and_bias(arm: Arm, s: BodyScratch) -> int:
+    """Set M and C dq + G of a scratch."""
     n = len(arm.parent)
+    place(arm, s.q, s)
+    weigh(arm, s)
+    move(arm, s.dq, s)
     # The base accelerates upwards in place of gravity.
     s.acceleration[n, 1, 2] = arm.gravity
     for i in range(n):
         twist = read(s.twist, i)
         S_rate = read(s.joint_rate, i)
         parent = read(s.acceleration, arm.parent[i])
-        speed = dq[arm.joint[i]]
+        speed = s.dq[arm.joint[i]]
         acceleration = Spatial(
             S_rate.angular * speed + parent.angular,
             S_rate.linear * speed + parent.linear,
@@ -401,6 +392,10 @@ def bias(arm: Arm, s: BodyScratch, dq: Array, out: Array) -> None:
         angular = add_cross(angular, twist.linear, momentum.linear)
         linear = add_cross(0.0, twist.angular, momentum.linear)
         write(s.force, i, force.angular + angular, force.linear + linear)
+    s.M[:] = 0.0
     for i in range(n - 1, -1, -1):
-        out[arm.joint[i]] = power(read(s.joint, i), read(s.force, i))
+        s.bias[arm.joint[i]] = power(read(s.joint, i), read(s.force, i))
         gather(s.force, i, arm.parent[i])
+        fill_mass(arm, s, i, s.M)
+        gather_mass(arm, s, i)
+    return 0

@@ -475,12 +475,6 @@ def _axis_numbers(joint: ET.Element) -> list[float]:
     return parse_numbers(f'joint {joint.get("name")}', 'axis', text, 3)
 
 
-def _unit_axis(joint: ET.Element) -> tuple[float, ...]:
-    numbers = _axis_numbers(joint)
-    length = hypot(*numbers) or 1.0
-    return tuple(x / length for x in numbers)
-
-
 def _joint(element: ET.Element) -> Joint:
     """Return a joint with one degree of freedom."""
     name = element.get('name', '')
@@ -509,7 +503,10 @@ def _joint(element: ET.Element) -> Joint:
     low = number('limit', 'lower')
     high = number('limit', 'upper')
     if joint_type == 'continuous' or low == high == 0.0:
-        low, high = -inf, inf
+        low = -inf
+        high = inf
+    axis = _axis_numbers(element)
+    length = hypot(*axis) or 1.0
     mimic = None
     if element.find('mimic') is not None:
         mimic = Mimic(
@@ -520,7 +517,7 @@ def _joint(element: ET.Element) -> Joint:
     return Joint(
         name,
         joint_type,
-        _unit_axis(element),
+        tuple(x / length for x in axis),
         (low, high),
         velocity=sizes['velocity'] or inf,
         effort=sizes['effort'] or inf,

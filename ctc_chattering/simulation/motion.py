@@ -116,14 +116,14 @@ class Mechanism(NamedTuple):
         mechanics = self.mechanics
         if not motion.decided or some(motion.stuck) or some(
                 mechanics.friction.load_friction) or some(motion.dq == 0.0):
-            motion = decide_modes(load, motion.q, motion.dq, load.start)
+            motion = decide_modes(self, load, motion.q, motion.dq, load.start)
         h = mechanics.period / mechanics.steps
         for i in range(mechanics.steps):
             rotation = h * np.abs(motion.dq).max()
             divisions = 1 + int(min(rotation / _MAX_ROTATION, _MAX_DIVISIONS))
             for j in range(divisions):
                 s = h / divisions
-                motion = integrate_step(load, motion, load.start + i * h + j * s, s)
+                motion = integrate_step(self, load, motion, load.start + i * h + j * s, s)
         return motion
 
 
@@ -146,9 +146,8 @@ class Motion(NamedTuple):
 
 @record
 class PeriodLoad(NamedTuple):
-    """Load on a mechanism over one period, over the coordinates."""
+    """Load over one period, over the coordinates."""
 
-    mechanism: Mechanism
     #: Time of its start [s].
     start: float
     #: c - a Fc [N·m].
@@ -164,21 +163,29 @@ class PeriodLoad(NamedTuple):
 
 
 @record
-class SmoothMotion(NamedTuple):
-    """A motion in which no mode changes."""
+class Onset(NamedTuple):
+    """Start of a motion in which no mode changes."""
 
-    load: PeriodLoad
-    start: Motion
-    #: Time of its start [s].
-    t: float
     #: c - a Fc - m F₀ [N·m].
     constant: Array
     #: Joints that do not stick.
     free: Truths
-    #: Acceleration at the start [rad/s²].
+    #: Acceleration [rad/s²].
     ddq: Array
     #: True where (PM3) asks for the implicit method.
     stiff: bool
+
+
+@record
+class SmoothMotion(NamedTuple):
+    """A motion in which no mode changes."""
+
+    mechanism: Mechanism
+    load: PeriodLoad
+    start: Motion
+    #: Time of its start [s].
+    t: float
+    onset: Onset
 
 
 @function
@@ -210,55 +217,54 @@ def load_period(mechanism: Mechanism, command: Array, gap: Array, k: int) -> Per
             mean = commanded + joints.on_motors(area) / mechanics.period
         coulomb = coulomb + friction.load_friction * np.abs(mean)
     return PeriodLoad(
-        mechanism, k * mechanics.period_ns / 1e9,
-        commanded - friction.friction_asymmetry * coulomb, coulomb + friction.stribeck_friction,
-        gap, mean, k < mechanics.push_end)
+        k * mechanics.period_ns / 1e9, commanded - friction.friction_asymmetry * coulomb,
+        coulomb + friction.stribeck_friction, gap, mean, k < mechanics.push_end)
 
 
 @function
-def add_load(load: PeriodLoad, u: Array, t: float, error: Array) -> Array:
-    """Return `u` plus d(t), a push, and the `error` of the drives [N·m]."""
-    mechanics = load.mechanism.mechanics
+def add_disturbance(mechanics: Mechanics, load: PeriodLoad, u: Array, t: float) -> Array:
+    """Return `u` plus d(t) and the push [N·m]."""
     if some(mechanics.amplitude):
         u = u + mechanics.amplitude * np.sin(mechanics.frequency * t)
     if load.pushed:
         u = u + mechanics.push
-    if not mechanics.drives.ideal:
-        u = u + load.mechanism.joints.on_motors(error)
     return u
 
 
 @function
-def total(load: PeriodLoad, u: Array, t: float) -> Array:
+def total(mechanism: Mechanism, load: PeriodLoad, u: Array, t: float) -> Array:
     """Return `u` plus d(t) and (τ - c)(t) [N·m]."""
-    drives = load.mechanism.mechanics.drives
-    error = load.gap
+    drives = mechanism.mechanics.drives
+    u = add_disturbance(mechanism.mechanics, load, u, t)
     if not drives.ideal:
         error = response(
             load.gap, drives.actuator_lag, drives.torque_rate_limit, t - load.start)[0]
-    return add_load(load, u, t, error)
+        u = u + mechanism.joints.on_motors(error)
+    return u
 
 
 @function
-def total_at_middle(load: PeriodLoad, u: Array, t: float, half: float) -> Array:
+def total_at_middle(mechanism: Mechanism, load: PeriodLoad, u: Array, t: float, half: float
+                    ) -> Array:
     """
     Return `total` for the middle `t` of a step.
 
     Its error of the drives gives Simpson's rule their exact impulse over the step, which is twice
     `half` [s] long.
     """
-    drives = load.mechanism.mechanics.drives
-    error = load.gap
+    drives = mechanism.mechanics.drives
+    u = add_disturbance(mechanism.mechanics, load, u, t)
     if not drives.ideal:
         error = middle_error(
             load.gap, drives.actuator_lag, drives.torque_rate_limit, t - load.start, half)
-    return add_load(load, u, t, error)
+        u = u + mechanism.joints.on_motors(error)
+    return u
 
 
 @function
-def subtract_friction(load: PeriodLoad, u: Array, dq: Array, mode: Array) -> Array:
+def subtract_friction(mechanism: Mechanism, load: PeriodLoad, u: Array, dq: Array, mode: Array
+                      ) -> Array:
     """Return `u` less the bracket of (PM2) [N·m]."""
-    mechanism = load.mechanism
     friction = mechanism.mechanics.friction
     u = u - friction.viscous_friction * dq
     if some(friction.stribeck_friction):
@@ -270,17 +276,16 @@ def subtract_friction(load: PeriodLoad, u: Array, dq: Array, mode: Array) -> Arr
 
 
 @function
-def net_torque(load: PeriodLoad, u: Array, q: Array, dq: Array, mode: Array
+def net_torque(mechanism: Mechanism, load: PeriodLoad, u: Array, q: Array, dq: Array, mode: Array
                ) -> tuple[Array, Array]:
     """Return M, and `u` less the bracket and C dq + G."""
-    M, bias = load.mechanism.model.mass_and_bias(q, dq)
-    return M, subtract_friction(load, u, dq, mode) - bias
+    M, bias = mechanism.model.mass_and_bias(q, dq)
+    return M, subtract_friction(mechanism, load, u, dq, mode) - bias
 
 
 @function
-def damping(load: PeriodLoad, dq: Array, mode: Array) -> Array:
+def damping(mechanism: Mechanism, load: PeriodLoad, dq: Array, mode: Array) -> Array:
     """Return D, the positive slope of friction [N·m·s/rad]."""
-    mechanism = load.mechanism
     slope = mechanism.mechanics.friction.viscous_friction
     if mechanism.mechanics.has_own_friction:
         friction = mechanism.own_friction
@@ -292,47 +297,49 @@ def damping(load: PeriodLoad, dq: Array, mode: Array) -> Array:
 
 
 @function
-def begin_smooth(load: PeriodLoad, start: Motion, t: float, h: float) -> SmoothMotion:
-    """Return a motion of `h` [s] in the present modes."""
+def begin_smooth(mechanism: Mechanism, load: PeriodLoad, start: Motion, t: float, h: float
+                 ) -> Onset:
+    """Return the start of a motion of `h` [s] in the present modes."""
     constant = load.commanded - start.friction
     free = start.stuck == 0.0
-    u = total(load, constant, t)
-    M, torque = net_torque(load, u, start.q, start.dq, start.mode)
-    slope = damping(load, start.dq, start.mode)
+    u = total(mechanism, load, constant, t)
+    M, torque = net_torque(mechanism, load, u, start.q, start.dq, start.mode)
+    slope = damping(mechanism, load, start.dq, start.mode)
     stiff = some(slope) and not outweighs(free, M, h * slope)
-    return SmoothMotion(load, start, t, constant, free, solve_where(free, M, torque), stiff)
+    return Onset(constant, free, solve_where(free, M, torque), stiff)
 
 
 @function
 def damped_acceleration(motion: SmoothMotion, q: Array, dq: Array, u: Array, s: float) -> Array:
     """Return the mean ddq of an Euler step, implicit in D [rad/s²]."""
     mode = motion.start.mode
-    M, torque = net_torque(motion.load, u, q, dq, mode)
-    slope = damping(motion.load, dq, mode)
-    return solve_damped(motion.free, M, s * slope, torque)
+    M, torque = net_torque(motion.mechanism, motion.load, u, q, dq, mode)
+    slope = damping(motion.mechanism, motion.load, dq, mode)
+    return solve_damped(motion.onset.free, M, s * slope, torque)
 
 
 @function
 def acceleration(motion: SmoothMotion, q: Array, dq: Array, u: Array) -> Array:
     """Return ddq of (PM1), with m F₀ subtracted from `u` [rad/s²]."""
-    M, torque = net_torque(motion.load, u, q, dq, motion.start.mode)
-    return solve_where(motion.free, M, torque)
+    M, torque = net_torque(motion.mechanism, motion.load, u, q, dq, motion.start.mode)
+    return solve_where(motion.onset.free, M, torque)
 
 
 @function
 def advance(motion: SmoothMotion, h: float) -> tuple[Array, Array]:
     """Return q and dq after `h` [s] in the present modes."""
+    mechanism = motion.mechanism
     load = motion.load
-    u = motion.constant
+    u = motion.onset.constant
     q = motion.start.q
     dq = motion.start.dq
-    middle = total_at_middle(load, u, motion.t + 0.5 * h, 0.5 * h)
-    end = total(load, u, motion.t + h)
-    if motion.stiff:
-        start = total(load, u, motion.t)
+    middle = total_at_middle(mechanism, load, u, motion.t + 0.5 * h, 0.5 * h)
+    end = total(mechanism, load, u, motion.t + h)
+    if motion.onset.stiff:
+        start = total(mechanism, load, u, motion.t)
         mean = simpson(0.0 * u, 1.0 / 6.0, start, middle, middle, end)
         return extrapolated_euler(damped_acceleration, motion, q, dq, mean, h)
-    return runge_kutta(acceleration, motion, q, dq, motion.ddq, (middle, end), h)
+    return runge_kutta(acceleration, motion, q, dq, motion.onset.ddq, (middle, end), h)
 
 
 @function
@@ -340,11 +347,11 @@ def mode_margin(motion: SmoothMotion, h: float, q: Array, dq: Array) -> float:
     """Return the distance from the next change of mode."""
     mode = motion.start.mode
     sliding: float = np.where(mode != 0.0, dq * mode, inf).min()
-    if every(motion.free):
+    if every(motion.onset.free):
         return sliding
-    u = total(motion.load, motion.constant, motion.t + h)
-    M, torque = net_torque(motion.load, u, q, dq, mode)
-    return min(sliding, stick_margin(M, torque, motion.load.breakaway, ~motion.free))
+    u = total(motion.mechanism, motion.load, motion.onset.constant, motion.t + h)
+    M, torque = net_torque(motion.mechanism, motion.load, u, q, dq, mode)
+    return min(sliding, stick_margin(M, torque, motion.load.breakaway, ~motion.onset.free))
 
 
 @function
@@ -355,21 +362,23 @@ def margin_after(motion: SmoothMotion, h: float) -> float:
 
 
 @function
-def decide_modes(load: PeriodLoad, q: Array, dq: Array, t: float) -> Motion:
+def decide_modes(mechanism: Mechanism, load: PeriodLoad, q: Array, dq: Array, t: float) -> Motion:
     """Return the motion with modes from state and load."""
-    u = total(load, load.commanded, t)
-    u = subtract_friction(load, u, dq, np.sign(dq))
-    mode, stuck = modes(load.mechanism.model, q, dq, u, load.breakaway)
+    u = total(mechanism, load, load.commanded, t)
+    u = subtract_friction(mechanism, load, u, dq, np.sign(dq))
+    mode, stuck = modes(mechanism.model, q, dq, u, load.breakaway)
     return Motion(q, dq, mode, np.where(stuck, 1.0, 0.0), load.breakaway * mode, True)
 
 
 @function
-def integrate_step(load: PeriodLoad, start: Motion, t: float, h: float) -> Motion:
+def integrate_step(mechanism: Mechanism, load: PeriodLoad, start: Motion, t: float, h: float
+                   ) -> Motion:
     """Return the motion after `h` [s], through any change of mode."""
     q = start.q
     dq = start.dq
     for event in range(_MAX_EVENTS + 1):
-        motion = begin_smooth(load, start, t, h)
+        onset = begin_smooth(mechanism, load, start, t, h)
+        motion = SmoothMotion(mechanism, load, start, t, onset)
         q, dq = advance(motion, h)
         margin = mode_margin(motion, h, q, dq)
         if not margin < 0.0 or event == _MAX_EVENTS:  # Not a number: the motion has diverged.
@@ -380,5 +389,5 @@ def integrate_step(load: PeriodLoad, start: Motion, t: float, h: float) -> Motio
         dq = np.where(dq * start.mode >= 0.0, dq, 0.0)
         t = t + s
         h = h - s
-        start = decide_modes(load, q, dq, t)
+        start = decide_modes(mechanism, load, q, dq, t)
     return start._replace(q=q, dq=dq)

@@ -153,9 +153,10 @@ class MujocoPlant(Plant):
 
     def _mean_torque(self, load: PeriodLoad, t: float) -> Array:
         """Return the torque for the step whose middle is at `t` [s], shape (n,) [N·m]."""
+        mechanism: Any = self
         half = 0.5 * self.mechanics.period / self.mechanics.steps
-        start, end = (total(load, load.commanded, t + s) for s in (-half, half))
-        middle = total_at_middle(load, load.commanded, t, half)
+        start, end = (total(mechanism, load, load.commanded, t + s) for s in (-half, half))
+        middle = total_at_middle(mechanism, load, load.commanded, t, half)
         return middle if self.mechanics.drives.ideal else (start + 4.0 * middle + end) / 6.0
 
 
