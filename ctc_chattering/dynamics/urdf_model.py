@@ -155,16 +155,9 @@ class UrdfModel(Model, LinearModel):
             np.array(joint.createData().S).ravel()
             for joint in model.joints.tolist()[1:]
         ]
-        prismatic = np.array([not motion[3:].any() for motion in motions])
-        # The last one is the base's.
+        # One of the two parts is the axis, the other is 0. The last body is the base.
         turns = np.array(
-            [
-                *(
-                    _rotation_to_z(motion[:3] if slides else motion[3:])
-                    for motion, slides in zip(motions, prismatic)
-                ),
-                np.eye(3),
-            ]
+            [*(_rotation_to_z(S[:3] + S[3:]) for S in motions), np.eye(3)]
         )
         into_parents = turns[parents].swapaxes(1, 2)
         turns = turns[:-1]
@@ -172,18 +165,17 @@ class UrdfModel(Model, LinearModel):
         rotations = np.array([placement.rotation for placement in placements])
         offsets = np.array([placement.translation for placement in placements])
         centers = np.array([body.lever for body in inertias])
+        inertia = into_bodies @ [body.inertia for body in inertias] @ turns
         return Arm(
             gravity=self.gravity,
             parent=parents,
-            prismatic=prismatic.astype(np.int8),
+            prismatic=np.array([S[:3].any() for S in motions], np.int8),
             joint=self._order,
             axes=(into_parents @ rotations @ turns).swapaxes(1, 2),
             offset=(into_parents @ offsets[:, :, np.newaxis])[:, :, 0],
             mass=np.array([body.mass for body in inertias]),
             center=(into_bodies @ centers[:, :, np.newaxis])[:, :, 0],
-            inertia=_mirrored(
-                into_bodies @ [body.inertia for body in inertias] @ turns
-            ),
+            inertia=np.triu(inertia) + np.triu(inertia, 1).swapaxes(1, 2),
             rotor=np.array(model.armature),
         )
 
@@ -311,12 +303,6 @@ def _rotation_to_z(axis: Array) -> Array:
     x = np.cross(nearest_normal, axis)
     x /= np.linalg.norm(x)
     return np.column_stack((x, np.cross(axis, x), axis))
-
-
-def _mirrored(matrix: Array) -> Array:
-    """Return the symmetric matrices of upper triangles."""
-    symmetric: Array = np.triu(matrix) + np.triu(matrix, 1).swapaxes(1, 2)
-    return symmetric
 
 
 def _singular_joints(mass: Array) -> list[int]:
