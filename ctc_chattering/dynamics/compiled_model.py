@@ -221,7 +221,8 @@ def set_two_link_mass_and_bias(arm: Any, s: Any) -> int:
     v1 = s.dq[0]
     v2 = s.dq[1]
     for i in range(2):
-        s.bias[i] += C[i, 0] * v1 + C[i, 1] * v2
+        torque = C[i, 0] * v1 + C[i, 1] * v2
+        s.bias[i] += torque
     return 0
 
 

@@ -104,7 +104,8 @@ def response(gap: Array, lag: Array, rate: Array, s: float) -> tuple[Array, Arra
     error = phases.error
     end = error * phases.decay
     area = ramp * (0.5 * phases.slope * ramp - gap)
-    return end, area + lag * (error - end)
+    tail = lag * (error - end)
+    return end, area + tail
 
 
 @function
@@ -117,7 +118,8 @@ def middle_error(gap: Array, lag: Array, rate: Array, s: float, half: float) -> 
     """
     start, area_before = response(gap, lag, rate, s - half)
     end, area_after = response(gap, lag, rate, s + half)
-    return 0.75 * (area_after - area_before) / half - 0.25 * (start + end)
+    mean = 0.75 * (area_after - area_before) / half
+    return mean - 0.25 * (start + end)
 
 
 @record
@@ -186,7 +188,9 @@ class DriveModel(NamedTuple):
         x1 = phases.error
         area = r * (x0 + 0.5 * slope * r)
         tail = T * x1 * (1.0 - phases.decay)
-        weighted = h * area - r * r * (0.5 * x0 + slope * r / 3.0) + T * (x1 * (h - r) - tail)
+        ramp_moment = r * r * (0.5 * x0 + slope * r / 3.0)
+        tail_moment = T * (x1 * (h - r) - tail)
+        weighted = h * area - ramp_moment + tail_moment
         return DriveTorque(command + x1 * phases.decay, command + (area + tail) / h,
                            command + 2.0 / (h * h) * weighted)
 

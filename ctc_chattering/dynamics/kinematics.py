@@ -118,7 +118,8 @@ class ForwardKinematics:
         for i, frame in enumerate(self.frames):
             pose = frame.origin
             if frame.joint:
-                pose = pose @ joint_motion(frame.joint, q[..., frame.joint_index])
+                position = q[..., frame.joint_index]
+                pose = pose @ joint_motion(frame.joint, position)
             if frame.parent >= 0:
                 pose = poses[..., frame.parent, :, :] @ pose
             poses[..., i, :, :] = pose

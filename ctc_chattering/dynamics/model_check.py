@@ -89,13 +89,13 @@ class _SampledState:
 
     def matrix_error(self, error: Array, scale: float = 1.0) -> float:
         """Return the largest relative element of an error of M."""
-        return float(np.abs(error / np.outer(self.size, self.size)).max()) / scale
+        relative = error / np.outer(self.size, self.size)
+        return float(np.abs(relative).max()) / scale
 
     def torque_error(self, error: Array, load: Array) -> float:
         """Return the largest relative error of a torque."""
-        return float(
-            (np.abs(error) / (np.abs(load) + 1e-12 * self.size**2 + 1e-300)).max()
-        )
+        size = np.abs(load) + 1e-12 * self.size**2 + 1e-300
+        return float((np.abs(error) / size).max())
 
     def load(self, ddq: Array) -> Array:
         """Return the size of the terms of (1)."""
@@ -213,12 +213,14 @@ def _symmetry_error(s: _SampledState) -> float:
 
 
 def _condition_number(s: _SampledState) -> float:
-    values = np.linalg.eigvalsh(s.M / np.outer(s.size, s.size))
+    scaled = s.M / np.outer(s.size, s.size)
+    values = np.linalg.eigvalsh(scaled)
     return float(values[-1] / values[0]) if values[0] > 0.0 else np.inf
 
 
 def _skew_error(s: _SampledState) -> float:
-    skew = 0.5 * s.slope(s.model.mass_matrix, s.dq) - s.C
+    mass_rate = s.slope(s.model.mass_matrix, s.dq)
+    skew = 0.5 * mass_rate - s.C
     return s.matrix_error(skew + skew.T, s.speed)
 
 
@@ -228,7 +230,8 @@ def _lagrange_error(s: _SampledState) -> float:
     gradient = 0.5 * s.gradient(mass_matrix) @ s.dq @ s.dq
     expected = s.slope(mass_matrix, s.dq) @ s.dq - gradient
     error = (s.C @ s.dq - expected) / s.size
-    return float(np.abs(error).max() / (s.size.max() * s.speed**2))
+    scale = s.size.max() * s.speed**2
+    return float(np.abs(error).max() / scale)
 
 
 def _gradient_error(s: _SampledState) -> float:
@@ -237,9 +240,9 @@ def _gradient_error(s: _SampledState) -> float:
     scale = float(np.abs([s.G, gradient]).max())
     # The difference of two potentials is known no better than they are.
     noise = 1e-8 * abs(potential(s.q.tolist()))
-    return float(np.abs(s.G - gradient).max()) / (
-        scale + noise + 1e-6 * float(s.size.max()) ** 2
-    )
+    floor = 1e-6 * float(s.size.max()) ** 2
+    error = float(np.abs(s.G - gradient).max())
+    return error / (scale + noise + floor)
 
 
 def _inverse_error(s: _SampledState) -> float:

@@ -15,8 +15,9 @@
 """
 M, C and G of a tree of bodies, compilable.
 
-`CompiledArm` runs `set_terms` and `set_mass_and_bias` with an `Arm`, which `UrdfModel.bodies` makes. Plain Python has Pinocchio
-(`urdf_model`) for the same terms, and takes this module for tests only.
+`CompiledArm` runs `set_terms` and `set_mass_and_bias` with an `Arm`, which `UrdfModel.bodies`
+makes. Plain Python has Pinocchio (`urdf_model`) for the same terms, and takes this module for
+tests only.
 
 Everything is in the frame of the base. A motion (ω, v) has the velocity v of the point at the
 origin. The motion of joint i is S_i = (z, p x z), or (0, z) of a prismatic one, with the axis z
@@ -164,14 +165,18 @@ def add_cross(total: Any, x: Array, y: Array) -> Array:
     """Return `total` plus x × y, term by term."""
     yzx = rotated(x)
     zxy = rotated(rotated(y))
-    return total + yzx * zxy - rotated(yzx) * rotated(y)  # type: ignore[no-any-return]
+    subtrahend = rotated(yzx) * rotated(y)
+    result: Array = total + yzx * zxy - subtrahend
+    return result
 
 
 @function
 def add_rows(total: Any, matrix: Array, x: Array) -> Array:
     """Return `total` plus the sum of rows times x."""
     first = total + x[0] * matrix[0]
-    return first + x[1] * matrix[1] + x[2] * matrix[2]  # type: ignore[no-any-return]
+    second = first + x[1] * matrix[1]
+    third: Array = second + x[2] * matrix[2]
+    return third
 
 
 @function
@@ -196,7 +201,8 @@ def point_inertia(mass: float, center: Array, a: int) -> Array:
     """Return row a of m ((c · c) 1 - c cᵀ)."""
     squares = rotated(center * center)
     diagonal = mass * (squares + rotated(squares))
-    return replaced(-(mass * center[a] * center), a, diagonal[a])
+    row = -(mass * center[a] * center)
+    return replaced(row, a, diagonal[a])
 
 
 @function
@@ -205,9 +211,10 @@ def momentum_of(s: BodyScratch, i: int, motion: Spatial) -> Spatial:
     inertia = element_of(s.inertia, i)
     moment = inertia[_VECTOR]
     angular = add_rows(0.0, inertia, motion.angular)
+    linear = s.mass[i] * motion.linear
     return Spatial(
         add_cross(angular, moment, motion.linear),
-        add_cross(s.mass[i] * motion.linear, motion.angular, moment),
+        add_cross(linear, motion.angular, moment),
     )
 
 
@@ -222,13 +229,16 @@ def place(arm: Arm, q: Array, s: BodyScratch) -> None:
         for a in range(3):
             frame[a] = add_rows(0.0, parent, described[a])
         z = frame[2]
-        origin = add_rows(parent[_VECTOR], parent, element_of(arm.offset, i))
+        offset = element_of(arm.offset, i)
+        origin = add_rows(parent[_VECTOR], parent, offset)
         if arm.prismatic[i]:
             origin = origin + x * z
             write(s.joint, i, z - z, z)
         else:
-            x_axis = cos(x) * frame[0] + sin(x) * frame[1]
-            frame[1] = cos(x) * frame[1] - sin(x) * frame[0]
+            c = cos(x)
+            d = sin(x)
+            x_axis = c * frame[0] + d * frame[1]
+            frame[1] = c * frame[1] - d * frame[0]
             frame[0] = x_axis
             write(s.joint, i, z, add_cross(0.0, origin, z))
         frame[_VECTOR] = origin
@@ -243,13 +253,16 @@ def weigh(arm: Arm, s: BodyScratch) -> None:
         frame = element_of(s.frame, i)
         described = element_of(arm.inertia, i)
         inertia = element_of(s.inertia, i)
-        c = add_rows(frame[_VECTOR], frame, element_of(arm.center, i))
+        center = element_of(arm.center, i)
+        c = add_rows(frame[_VECTOR], frame, center)
         s.mass[i] = m
         inertia[_VECTOR] = m * c
         for a in range(3):
             turned[a] = add_rows(0.0, frame, described[a])
         for a in range(3):  # R I Rᵀ, about the origin.
-            row = turned[0, a] * frame[0] + turned[1, a] * frame[1] + turned[2, a] * frame[2]
+            row = turned[0, a] * frame[0]
+            row = row + turned[1, a] * frame[1]
+            row = row + turned[2, a] * frame[2]
             inertia[a] = row + point_inertia(m, c, a)
         mirror(inertia)
 
@@ -264,8 +277,9 @@ def move(arm: Arm, dq: Array, s: BodyScratch) -> None:
         rate = speed * S.angular + parent.angular
         velocity = speed * S.linear + parent.linear
         write(s.twist, i, rate, velocity)
-        linear = add_cross(add_cross(0.0, rate, S.linear), velocity, S.angular)
-        write(s.joint_rate, i, add_cross(0.0, rate, S.angular), linear)
+        angular = add_cross(0.0, rate, S.angular)
+        linear = add_cross(0.0, rate, S.linear)
+        write(s.joint_rate, i, angular, add_cross(linear, velocity, S.angular))
 
 
 @function
@@ -281,25 +295,30 @@ def couple(arm: Arm, s: BodyScratch) -> None:
         W = element_of(s.coupling, i)
         twist = read(s.twist, i)
         rate = twist.angular
-        c = (1.0 / m if m else 0.0) * h
+        inverse_mass = 1.0 / m if m else 0.0
+        c = inverse_mass * h
         P = add_cross(m * twist.linear, rate, h)
         W[_VECTOR] = P
         for a in range(3):
-            I[a] = inertia[a] - point_inertia(m, c, a)
+            point = point_inertia(m, c, a)
+            I[a] = inertia[a] - point
         mirror(I)
         for a in range(3):
             turned[a] = add_cross(0.0, rate, I[a])
         for a in range(3):
             # ω̂ I - I ω̂ is symmetric.
-            row = turned[a] + add_product(0.0, c, P)
+            diagonal = add_product(0.0, c, P)
+            row = turned[a] + diagonal
             for b in range(a + 1, 3):
                 twice = add_cross(turned[b][a], rate, I[a])
                 row = replaced(row, b, 0.5 * twice[b])
             W[a] = row
         mirror(W)
-        spin = 0.5 * add_rows(0.0, I, rate)
+        momentum = add_rows(0.0, I, rate)
+        spin = 0.5 * momentum
         for a in range(3):
-            W[a] = W[a] + add_cross(0.0, spin, unit[a]) - P[a] * c
+            skew = add_cross(0.0, spin, unit[a])
+            W[a] = W[a] + skew - P[a] * c
 
 
 @function
@@ -318,7 +337,8 @@ def fill_mass(arm: Arm, s: BodyScratch, j: int, M: Array) -> Spatial:
     i = j
     while i < len(arm.parent):
         row = arm.joint[i]
-        M[row, column] = M[column, row] = power(read(s.joint, i), momentum)
+        S = read(s.joint, i)
+        M[row, column] = M[column, row] = power(S, momentum)
         i = arm.parent[i]
     M[column, column] += arm.rotor[j]
     return momentum
@@ -342,16 +362,20 @@ def set_terms(arm: Arm, s: BodyScratch, terms: Any) -> int:
         z = S.angular
         column = arm.joint[j]
         # (RB6), with g along -z.
-        tilting = add_cross(0.0, z, element_of(s.inertia, j)[_VECTOR])
-        terms.G[column] = arm.gravity * (tilting[2] + S.linear[2] * s.mass[j])
+        moment = element_of(s.inertia, j)[_VECTOR]
+        tilting = add_cross(0.0, z, moment)
+        lifting = S.linear[2] * s.mass[j]
+        terms.G[column] = arm.gravity * (tilting[2] + lifting)
         momentum = fill_mass(arm, s, j, M)
         # (K', L') of (RB3), and Wᵀ z + P x v of (RB5).
         spin = z
         for a in range(3):
             spin = replaced(spin, a, add_product(0.0, W[a], z))
         rate = momentum_of(s, j, read(s.joint_rate, j))
-        rate = Spatial(rate.angular + spin, rate.linear + add_cross(0.0, z, P))
-        turning = add_cross(add_rows(0.0, W, z), P, S.linear)
+        drift = add_cross(0.0, z, P)
+        rate = Spatial(rate.angular + spin, rate.linear + drift)
+        turning = add_rows(0.0, W, z)
+        turning = add_cross(turning, P, S.linear)
         i = j
         while i < len(arm.parent):
             row = arm.joint[i]
@@ -394,7 +418,8 @@ def set_mass_and_bias(arm: Arm, s: BodyScratch) -> int:
         write(s.force, i, force.angular + angular, force.linear + linear)
     s.M[:] = 0.0
     for i in range(n - 1, -1, -1):
-        s.bias[arm.joint[i]] = power(read(s.joint, i), read(s.force, i))
+        S = read(s.joint, i)
+        s.bias[arm.joint[i]] = power(S, read(s.force, i))
         gather(s.force, i, arm.parent[i])
         fill_mass(arm, s, i, s.M)
         gather_mass(arm, s, i)

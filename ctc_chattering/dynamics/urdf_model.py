@@ -202,12 +202,12 @@ class UrdfModel(Model, LinearModel):
         sizes = []
         for body in self._inertias:
             mass = max(body.mass, least_mass)
-            reach = max(
-                float(np.linalg.norm(body.lever)),
-                _LEAST_REACH_M,
-                float(np.sqrt(np.trace(body.inertia) / mass)),
-            )
-            sizes += [mass] + 3 * [mass * reach] + 6 * [mass * reach**2]
+            lever = float(np.linalg.norm(body.lever))
+            gyration = float(np.sqrt(np.trace(body.inertia) / mass))
+            reach = max(lever, _LEAST_REACH_M, gyration)
+            sizes += [mass]
+            sizes += 3 * [mass * reach]
+            sizes += 6 * [mass * reach**2]
         return np.array(sizes)
 
     def torque_regressor(
@@ -302,7 +302,8 @@ def _rotation_to_z(axis: Array) -> Array:
     nearest_normal = np.eye(3)[np.abs(axis).argmin()]
     x = np.cross(nearest_normal, axis)
     x /= np.linalg.norm(x)
-    return np.column_stack((x, np.cross(axis, x), axis))
+    y = np.cross(axis, x)
+    return np.column_stack((x, y, axis))
 
 
 def _singular_joints(mass: Array) -> list[int]:
@@ -310,7 +311,8 @@ def _singular_joints(mass: Array) -> list[int]:
     if not np.isfinite(mass).all():
         return list(range(len(mass)))
     diagonal = mass.diagonal()
-    scale = np.sqrt(np.where(diagonal > _NO_INERTIA * diagonal.max(), diagonal, np.inf))
+    inert = diagonal > _NO_INERTIA * diagonal.max()
+    scale = np.sqrt(np.where(inert, diagonal, np.inf))
     values, vectors = np.linalg.eigh(mass / np.outer(scale, scale))
     share = np.abs(vectors[:, values <= _SINGULAR]).max(axis=1, initial=0.0)
     joints: list[int] = np.flatnonzero(share > _NAMED_SHARE * share.max()).tolist()
