@@ -81,7 +81,8 @@ def drive_phases(gap: Array, lag: Array, rate: Array, s: float) -> DrivePhases:
         Time since the command came [s].
 
     """
-    limited = np.maximum(np.abs(gap) / rate - lag, 0.0)
+    duration = np.abs(gap) / rate - lag
+    limited = np.maximum(duration, 0.0)
     slope = np.sign(gap) * np.minimum(rate, _UNLIMITED_RATE)
     ramp = np.minimum(limited, s)
     if lag.min() > 0.0:
@@ -109,7 +110,9 @@ def response(gap: Array, lag: Array, rate: Array, s: float) -> tuple[Array, Arra
 
 
 @function
-def middle_error(gap: Array, lag: Array, rate: Array, s: float, half: float) -> Array:
+def middle_error(
+    gap: Array, lag: Array, rate: Array, s: float, half: float
+) -> Array:
     """
     Return τ - c for the middle of a step, shape (n,) [N·m].
 

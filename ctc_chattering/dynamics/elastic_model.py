@@ -117,7 +117,8 @@ class Elastic(Model):
 
     def rate(self, q: Vector) -> float:
         """Return a bound of the eigenvalues at rest [1/s]."""
-        link_mobility = np.linalg.inv(np.array(self._model.mass_matrix(q))).diagonal()
+        M = np.array(self._model.mass_matrix(q))
+        link_mobility = np.linalg.inv(M).diagonal()
         mobility = 1.0 / self._inertia + link_mobility[self._elastic]
         damping_rate = self._damping * mobility
         frequency = np.sqrt(self._stiffness * mobility)

@@ -107,7 +107,9 @@ class _SampledState:
         )
         return load
 
-    def slope(self, function: Callable[[Vector], object], direction: Array) -> Array:
+    def slope(
+        self, function: Callable[[Vector], object], direction: Array
+    ) -> Array:
         """Return the derivative along a direction."""
         step = _STEP_RAD * direction
         above = np.array(function((self.q + step).tolist()))
@@ -228,7 +230,8 @@ def _lagrange_error(s: _SampledState) -> float:
     """Compare C dq with dM/dt dq - ½ grad(dqᵀ M dq)."""
     mass_matrix = s.model.mass_matrix
     gradient = 0.5 * s.gradient(mass_matrix) @ s.dq @ s.dq
-    expected = s.slope(mass_matrix, s.dq) @ s.dq - gradient
+    mass_rate = s.slope(mass_matrix, s.dq)
+    expected = mass_rate @ s.dq - gradient
     error = (s.C @ s.dq - expected) / s.size
     scale = s.size.max() * s.speed**2
     return float(np.abs(error).max() / scale)
