@@ -41,6 +41,10 @@ import numpy as np
 import numpy.typing as npt
 
 C = TypeVar('C', bound='Config')
+#: Annotation of a parameter with a number per joint.
+PerJoint = tuple[float, ...]
+#: Annotation of a parameter with strings.
+Strings = tuple[str, ...]
 
 #: Least magnitude of a number that must not be 0. Less is no gain, time, torque or length.
 LEAST = 1e-9
@@ -51,9 +55,9 @@ _LARGEST_INTEGER = 2 ** 62
 #: Name of a class of the user's: ``package.module:Name``.
 OWN_CLASS = re.compile(r'[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*')
 #: Kinds of the annotations that are not themselves a kind.
-_KINDS = {'tuple[float, ...]': 'float[]', 'tuple[str, ...]': 'str[]'}
+_KINDS = {'PerJoint': 'float[]', 'Strings': 'str[]'}
 #: Shapes that annotations imply.
-_SHAPES = {'tuple[float, ...]': 'n'}
+_SHAPES = {'PerJoint': 'n'}
 #: Kinds that have a range.
 _NUMBERS = ('float', 'float[]', 'int')
 _TYPE_NAMES = {
@@ -390,7 +394,8 @@ class Config:
             For the name of a class that the user does not replace.
 
         """
-        values, classes = dict(values), classes or {}
+        values = dict(values)
+        classes = classes or {}
         for name, spec in cls.parameters().items():
             value = values.get(name)
             if spec.custom and isinstance(value, str) and value not in spec.choices:
@@ -410,7 +415,8 @@ class Config:
         """Return a checked copy with other values of some parameters."""
         if 'joint_names' in values:  # The number of joints concerns all other parameters.
             return self.from_mapping({**self.as_mapping(), **values})
-        config, n = copy(self), len(getattr(self, 'joint_names', ()))
+        config = copy(self)
+        n = len(getattr(self, 'joint_names', ()))
         for spec, value in self._declarations(values):
             object.__setattr__(config, spec.field, spec.checked(value, n))
         config.validate()

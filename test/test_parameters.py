@@ -22,7 +22,7 @@ from typing import Any
 
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.parameters import Config, LEAST, matrix, parameter
+from ctc_chattering.parameters import Config, LEAST, matrix, parameter, PerJoint, Strings
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
 from hypothesis import given, settings
@@ -39,14 +39,14 @@ CONFIGS: list[type[Config]] = [PlantConfig, ControllerConfig, ReferenceConfig]
 class Sample(Config):
     """One parameter of every kind."""
 
-    joint_names: tuple[str, ...] = parameter(('a', 'b', 'c'), 'Joints.')
+    joint_names: Strings = parameter(('a', 'b', 'c'), 'Joints.')
     flag: bool = parameter(True, 'A switch.')
     count: int = parameter(3, 'A count.', maximum=10)
     share: float = parameter(0.5, 'A share.', maximum=1.0)
-    some_gain: tuple[float, ...] = parameter(
+    some_gain: PerJoint = parameter(
         2.0, 'A gain.', name='some.gain', minimum=LEAST, shape='nn')
-    limit: tuple[float, ...] = parameter(INF, 'A limit.')
-    times: tuple[float, ...] = parameter((1.0, 2.0), 'Times.', minimum=-INF, shape='')
+    limit: PerJoint = parameter(INF, 'A limit.')
+    times: PerJoint = parameter((1.0, 2.0), 'Times.', minimum=-INF, shape='')
 
 
 REFUSED: list[tuple[type[Config], str, Any, str]] = [

@@ -175,3 +175,8 @@ def replaced(x: Array, i: int, value: float) -> Array:
     y: Array = x.copy()
     y[i] = value
     return y
+
+
+def rotated(x: Array) -> Array:
+    """Return x with each element one index earlier, the first last."""
+    return np.concatenate((x[1:], x[:1]))

@@ -22,8 +22,9 @@ computes with it, and `store` writes one back.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import inspect
+from math import prod
 from typing import Any
 
 from ctc_chattering.compiled import compilable, vectors
@@ -32,12 +33,13 @@ from ctc_chattering.compiled.numba_interface import (
     defined,
     instructions,
     InstructionWriter,
+    INT,
     INTERNAL,
     lowered,
     OVERLOADED,
     overloaded,
 )
-from ctc_chattering.compiled.records import kind_of, load, rows, store, value, write
+from ctc_chattering.compiled.records import element_of, kind_of, load, rows, store, value, write
 from ctc_chattering.compiled.vectors import VectorType
 from numba import types
 from numba.extending import overload_method, register_jitable
@@ -49,16 +51,35 @@ _records: list[type] = []
 _methods: dict[str, dict[type, Callable[..., Any]]] = {}
 
 
+def _read_at(array: Any, shape: Sequence[int], *index: Any) -> Any:
+    """Return the code of a vector or matrix in an array of a record."""
+    n = shape[-1]
+    is_vector = len(shape) == 1
+
+    def emit(writer: InstructionWriter, x: Any, *position: Any) -> Any:
+        builder = writer.builder
+        data = writer.data(array, x)
+        for i in position:
+            data = builder.gep(data, [builder.mul(i, INT(prod(shape)))])
+        return vectors.read(builder, data, n) if is_vector else data
+    return instructions(VectorType(n) if is_vector else MatrixType(n), (array, *index), emit)
+
+
 @lowered
 def _read_array(_typing: Any, array: Any) -> Any:
-    """Return the vector or matrix in an array of a record."""
-    n = array.shape[0]
-    is_vector = array.ndim == 1
+    return _read_at(array, array.shape)
 
-    def emit(writer: InstructionWriter, x: Any) -> Any:
-        data = writer.data(array, x)
-        return vectors.read(writer.builder, data, n) if is_vector else data
-    return instructions(VectorType(n) if is_vector else MatrixType(n), (array,), emit)
+
+@lowered
+def _read_element(_typing: Any, array: Any, i: Any) -> Any:
+    del i
+    return _read_at(array, array.shape[1:], types.intp)
+
+
+@overloaded(element_of)
+def _element_of(array: Any, i: Any) -> Any:
+    del array, i
+    return lambda array, i: _read_element(array, i)
 
 
 @lowered

@@ -23,13 +23,11 @@ does the same in compiled code.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
 from ctc_chattering.compiled import compilable
 import numpy as np
-import numpy.typing as npt
 
 #: First word of the name of the field whose further words name the class of the record.
 _IS = 'is '
@@ -40,6 +38,11 @@ _NUMBERS: dict[str, type] = {'i': int, 'b': bool}
 def rows(array: Any, like: Any) -> Any:
     """Return an array as rows of the length of `like`."""
     return array.reshape(-1, len(like))
+
+
+def element_of(array: Any, i: int) -> Any:
+    """Return vector or matrix `i` of a field of a NumPy record; it must not be negative."""
+    return array[i]
 
 
 def load(fields: Any) -> Any:
@@ -129,14 +132,8 @@ def _packed_layout(described: tuple[Any, ...]) -> Any:
 
 
 def record_of(values: Any) -> Any:
-    """Return the fields of a data class as a NumPy record."""
+    """Return the numbers and arrays of an object as a NumPy record."""
     fields = {name: np.asarray(x) for name, x in vars(values).items()}
-    return numpy_record({
-        name: x.astype(np.int8) if x.dtype == bool else x for name, x in fields.items()})
-
-
-def numpy_record(fields: Mapping[str, npt.NDArray[Any]]) -> Any:
-    """Return a NumPy record with these fields."""
     layout = _layout(tuple((name, x.dtype, x.shape) for name, x in fields.items()))
     return _record(layout, tuple(fields.values()))
 

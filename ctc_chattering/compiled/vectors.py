@@ -267,10 +267,24 @@ def with_element(_typing: Any, x: Any, i: Any, value: Any) -> Any:
         lambda writer, vector, i, value: writer.builder.insert_element(vector, value, i))
 
 
+@lowered
+def _rotate(_typing: Any, x: Any) -> Any:
+    order = [*range(1, x.n), 0]
+    mask = ir.Constant(ir.VectorType(_INDEX, x.n), order)
+    return instructions(
+        x, (x,), lambda writer, vector: writer.builder.shuffle_vector(vector, vector, mask))
+
+
 @overloaded(compilable.replaced)
 def _replaced(x: Any, i: Any, value: Any) -> Any:
     del x, i, value
     return lambda x, i, value: with_element(x, i, float(value))
+
+
+@overloaded(compilable.rotated)
+def _rotated(x: Any) -> Any:
+    del x
+    return lambda x: _rotate(x)
 
 
 @method('max')

@@ -65,8 +65,6 @@ DURATION_S = 10.0
 START_S = 2.0
 #: Time between the instants at which the torque is evaluated.
 _STEP_NS = NANOSECONDS // 20
-#: Significant digits of amplitudes and frequencies.
-_DIGITS = 3
 #: Significant digits of positions.
 _DIGITS_OF_POSITION = 6
 
@@ -170,7 +168,9 @@ def _candidates(arm: HeldArm, center: Sequence[float]) -> Iterator[HoldingMotion
         postures: Iterable[Array] = [np.array(center, float)]
     else:
         middle = np.array([middle_position(joint) for joint in arm.limits])
-        postures = map(_round, chain([middle], _light_postures(arm, middle)))
+        postures = (
+            np.array([round_number(x, _DIGITS_OF_POSITION) for x in posture])
+            for posture in chain([middle], _light_postures(arm, middle)))
     tried = []
     for posture in postures:
         tried.append(posture)
@@ -195,7 +195,7 @@ def _make_motion(arm: HeldArm, center: Array, size: float) -> HoldingMotion:
     """Return a motion with its load, friction included."""
     positions = center.tolist()
     amplitudes = [_amplitude(joint, x, size) for joint, x in zip(arm.limits, positions)]
-    frequencies = [_shorten(size * _frequency(joint, amplitude))
+    frequencies = [round_number(size * _frequency(joint, amplitude))
                    for joint, amplitude in zip(arm.limits, amplitudes)]
     names = [joint.name for joint in arm.limits]
     reference = ReferenceConfig.from_mapping({
@@ -219,7 +219,7 @@ def _amplitude(joint: JointLimits, center: float, size: float) -> float:
     """Return the amplitude of a joint's motion [rad or m]."""
     low, high = joint.position
     room = max(0.0, min(center - low, high - center))
-    return _shorten(size * min(_MAX_AMPLITUDE, SHARE * room))
+    return round_number(size * min(_MAX_AMPLITUDE, SHARE * room))
 
 
 def _frequency(joint: JointLimits, amplitude: float) -> float:
@@ -243,7 +243,8 @@ def _posture_range(joint: JointLimits) -> tuple[float, float]:
     """Return the range of a joint's postures [rad or m]."""
     low, high = joint.position
     room = min(_MAX_ROOM, _ROOM_SHARE * (high - low))
-    low, high = low + room, high - room
+    low = low + room
+    high = high - room
     if low == -inf and high == inf:
         return -0.5 * _RANGE, 0.5 * _RANGE
     if low == -inf:
@@ -276,10 +277,6 @@ def _weight_share(model: Model, q: Array) -> float:
     return float((weights / np.array(model.effort_limits)).max())
 
 
-def _shorten(value: float) -> float:
-    return float(f'{value:.{_DIGITS}g}')
-
-
-def _round(posture: Array) -> Array:
-    """Return a posture to fewer digits [rad or m]."""
-    return np.array([float(f'{x:.{_DIGITS_OF_POSITION}g}') for x in posture])
+def round_number(value: float, digits: int = 3) -> float:
+    """Return a number to so many significant digits."""
+    return float(f'{value:.{digits}g}')

@@ -155,7 +155,8 @@ class Setup:
 
 def check_motion(setup: Setup) -> None:
     """Raise `CtcError` if motion or start exceed the limits."""
-    plant, reference = setup.plant, setup.reference
+    plant = setup.plant
+    reference = setup.reference
     check_start(plant, setup.descriptions.get('plant', ''))
     if description := setup.descriptions.get('reference', ''):
         states = zip(plant.initial_position, plant.initial_velocity)

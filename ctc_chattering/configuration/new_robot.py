@@ -41,6 +41,7 @@ from ctc_chattering.configuration.holding_motion import (
     HoldingMotion,
     largest_speeds,
     middle_position,
+    round_number,
     START_S,
 )
 from ctc_chattering.configuration.loop_setup import Values
@@ -75,8 +76,6 @@ LEAST_STOPPING_TIME = 0.01
 KA = 0.06
 #: Factor by which ka exceeds the friction of a URDF.
 _KA_MARGIN = 1.25
-#: Significant digits of friction.
-_DIGITS = 3
 #: Postures in which the torque of a payload is taken.
 _PAYLOAD_POSTURES = 100
 
@@ -178,7 +177,7 @@ def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81, 
         'joint_names': names, 'control_period': 1e-3, 'gravity': gravity, 'model': 'urdf',
         'description': location}
     if knowledge.joints_with(Source.USER) or knowledge.joints_with(Source.ASSUMED):
-        shared['rotor_inertia'] = [_shorten(rotor.value) for rotor in knowledge.rotors]
+        shared['rotor_inertia'] = [round_number(rotor.value) for rotor in knowledge.rotors]
     config = ControllerConfig.from_mapping(shared)
     model = model_of(config, text)
     torque = model_torque(config, model)
@@ -250,8 +249,8 @@ def _find_payload(text: str, names: tuple[str, ...], model: Model, gravity: floa
     loaded = UrdfModel(with_payload(text, names, 1.0), names, gravity)
     generator = np.random.default_rng(0)
     postures = generator.uniform(-np.pi, np.pi, (_PAYLOAD_POSTURES, model.n)).tolist()
-    weight = np.array([model.gravity_torque(q) for q in postures])
-    loaded_weight = np.array([loaded.gravity_torque(q) for q in postures])
+    weight, loaded_weight = (
+        np.array([arm.gravity_torque(q) for q in postures]) for arm in (model, loaded))
     torque_per_kg = np.abs(loaded_weight - weight).max(axis=0)
     if stated is not None:
         return Known(stated, Source.USER), stated * torque_per_kg
@@ -259,13 +258,8 @@ def _find_payload(text: str, names: tuple[str, ...], model: Model, gravity: floa
     effort = np.array(model.effort_limits)
     room = np.maximum(effort - np.abs(weight).max(axis=0), 0.0)
     carried = np.min(room / np.maximum(torque_per_kg, 1e-9), initial=inf)
-    payload = _shorten(min(float(carried), MOST_PAYLOAD * mass))
+    payload = round_number(min(float(carried), MOST_PAYLOAD * mass))
     return Known(payload, Source.ASSUMED), payload * torque_per_kg
-
-
-def _shorten(value: float) -> float:
-    """Return a number to three digits."""
-    return float(f'{value:.{_DIGITS}g}')
 
 
 def _find_friction(tree: Tree, limits: Sequence[JointLimits], model: Model, largest_torque: Array,
@@ -280,7 +274,7 @@ def _find_friction(tree: Tree, limits: Sequence[JointLimits], model: Model, larg
     implausible = (coulomb + viscous * largest_speeds(limits) > plausible) | (
         viscous * LEAST_STOPPING_TIME > inertia)
     coulomb[implausible] = viscous[implausible] = 0.0
-    assumed = [_shorten(FRICTION * x) for x in torque]
+    assumed = [round_number(FRICTION * x) for x in torque]
     names = np.array([joint.name for joint in joints])
     described = coulomb > 0.0  # Every joint has friction: 0 says that nobody knows it.
     return DescribedFriction(

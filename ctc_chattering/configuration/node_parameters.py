@@ -24,7 +24,7 @@ import dataclasses
 from math import inf
 
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.parameters import Config, LEAST, Parameter, parameter, unit_text
+from ctc_chattering.parameters import Config, LEAST, Parameter, parameter, Strings, unit_text
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
 
@@ -33,7 +33,7 @@ from ctc_chattering.trajectory.reference import ReferenceConfig
 class NodeConfig(Config):
     """The parameter that all nodes of the loop have."""
 
-    wait_for: tuple[str, ...] = parameter(
+    wait_for: Strings = parameter(
         ('',), 'Nodes that must have subscribed before the first message (set by bringup).',
         read_only=True)
 
@@ -100,7 +100,7 @@ class RecorderConfig(Config):
 class BringupConfig(Config):
     """Parameters of bringup."""
 
-    events: tuple[str, ...] = parameter(
+    events: Strings = parameter(
         ('',), 'Parameters to set during the run, each "time node parameter value", time in s.',
         read_only=True)
 

@@ -250,10 +250,12 @@ def parse_events(lines: Sequence[str], configs: Mapping[str, Any],
     requests = [_parse_event(line, configs) for line in filter(None, lines)]
     requests.sort(key=attrgetter('time'))
     has_gains = any(name in GAINS for request in requests for name in request.values)
-    current, choice = dict(configs), GainChoice(torque)
+    current = dict(configs)
+    choice = GainChoice(torque)
     events = []
     for request in requests:
-        node, values = request.node, request.values
+        node = request.node
+        values = request.values
         config = current[node]
         if 'law' in values:
             gains = choice.of_law(config.changed(values).law, config)

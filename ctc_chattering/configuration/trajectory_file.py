@@ -92,7 +92,8 @@ def _route(tree: object) -> Route:
     rows = values.get('points')
     if not isinstance(rows, list):
         raise ParameterError('points', rows, 'a list of points')
-    times, points = [], []
+    times = []
+    points = []
     for i, row in enumerate(rows):
         name = f'points[{i}]'
         point = mapping(name, row, (*FIELDS, 'effort', 'time_from_start'))

@@ -31,7 +31,7 @@ from ctc_chattering.dynamics.drive_response import discretize_drives, DriveModel
 from ctc_chattering.dynamics.registry import RobotConfig
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.linear_algebra import Vector
-from ctc_chattering.parameters import LEAST, Parameter, parameter
+from ctc_chattering.parameters import LEAST, Parameter, parameter, PerJoint
 import numpy as np
 
 #: Lag of drives of which it is not known [s]: too much costs little, too little much.
@@ -47,11 +47,11 @@ class ControllerConfig(RobotConfig):
     """
 
     law: str = parameter('chattering', 'Control law: docs/laws.md.', choices=LAWS, custom=True)
-    kp: tuple[float, ...] = parameter(
+    kp: PerJoint = parameter(
         100.0, 'Position gain Kp.', '1/s^2', minimum=LEAST, shape='nn', usual=(1.0, 1e4))
-    kv: tuple[float, ...] = parameter(
+    kv: PerJoint = parameter(
         50.0, 'Velocity gain Kv.', '1/s', minimum=LEAST, shape='nn', usual=(1.0, 1e3))
-    ka: tuple[float, ...] = parameter(
+    ka: PerJoint = parameter(
         10.0, 'Chattering gain Ka; must exceed friction plus disturbance. Of laws that observe a '
         'state, the bound of the estimate; must also exceed the error of the model.', 'N*m',
         usual=(0.1, 1e3))
@@ -72,27 +72,27 @@ class ControllerConfig(RobotConfig):
     estimator_slope: bool = parameter(
         True, 'Whether the observer has a slope of the perturbation: more accurate, but the '
         'inertia of the model must be known better.')
-    actuator_lag: tuple[float, ...] = parameter(
+    actuator_lag: PerJoint = parameter(
         inf, 'Time constant of the drives; .inf if unknown: 3 ms.', 's', maximum=1.0)
-    torque_rate_limit: tuple[float, ...] = parameter(
+    torque_rate_limit: PerJoint = parameter(
         inf, 'Rate limit of the drives; .inf if unknown.', 'N*m/s', minimum=LEAST)
     friction_learning: float = parameter(
         20.0, 'Learning rate of the level of friction; 0 for none.', '1/s', maximum=1e3)
-    ki: tuple[float, ...] = parameter(
+    ki: PerJoint = parameter(
         100.0, 'Integral gain Ki, less than Kv Kp; docs/laws.md.', '1/s^3')
     lead_ratio: float = parameter(
         0.5, 'Fraction of the lag that the lead leaves; 1 for no lead.', minimum=LEAST,
         maximum=1.0)
     momentum_gain: float = parameter(
         200.0, 'Bandwidth of the estimate of the perturbation.', '1/s', minimum=LEAST)
-    super_twisting_k1: tuple[float, ...] = parameter(
+    super_twisting_k1: PerJoint = parameter(
         60.0, 'Gain of sqrt(|v|).', 'sqrt(rad/s^3)', minimum=LEAST)
-    super_twisting_k2: tuple[float, ...] = parameter(
+    super_twisting_k2: PerJoint = parameter(
         2000.0, 'Gain of the integral of sgn(v); must exceed the rate of change of the '
         'acceleration by the perturbation.', 'rad/s^3', minimum=LEAST)
-    adaptation_gain: tuple[float, ...] = parameter(
+    adaptation_gain: PerJoint = parameter(
         100.0, 'Adaptation rate of the level of friction; less than D Kv / h.', 'N*m/rad')
-    friction_level: tuple[float, ...] = parameter(
+    friction_level: PerJoint = parameter(
         0.0, 'Known Coulomb friction; slotine_li and observer_feedback adapt it.', 'N*m')
     friction_velocity: float = parameter(
         0.05, 'Velocity over which this friction changes sign.', 'rad/s', minimum=LEAST)
@@ -107,15 +107,15 @@ class ControllerConfig(RobotConfig):
     inertia_scale: float = parameter(
         1.0, 'Factor on M and C, to study model errors.', minimum=LEAST, read_only=True)
     gravity_scale: float = parameter(1.0, 'Factor on G, to study model errors.', read_only=True)
-    effort_limit: tuple[float, ...] = parameter(
+    effort_limit: PerJoint = parameter(
         inf, 'Largest torque sent; .inf for that of the description, or unlimited.', 'N*m',
         minimum=LEAST)
-    effort_rate_limit: tuple[float, ...] = parameter(
+    effort_rate_limit: PerJoint = parameter(
         inf, 'Rate limit of the torque sent, from 0 at the start; .inf for unlimited.', 'N*m/s',
         minimum=LEAST)
     anti_windup: bool = parameter(
         True, 'Filter (3) and integrals do not wind up at the effort limits.')
-    error_limit: tuple[float, ...] = parameter(
+    error_limit: PerJoint = parameter(
         inf, 'Position error beyond which no torque is sent until ~/reset; .inf for never, but '
         'under observer_feedback where it has grown by 1 rad.', 'rad', minimum=LEAST)
 

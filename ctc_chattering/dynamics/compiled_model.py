@@ -177,7 +177,7 @@ class CompiledArm:
     def __init__(self, arm: ArmNumbers, n: int) -> None:
         self._n = n
         self._arm = record_of(arm)
-        body = record_of(tree.body_scratch(n))
+        body = record_of(tree.BodyScratch(n))
         call = packed(Callee(0, 0))
         self.model = CompiledModel(call, body)
         set_terms, set_mass_and_bias = ARM_FUNCTIONS[type(arm)]
@@ -207,24 +207,6 @@ class CompiledArm:
 
 
 @function
-def set_tree_terms(arm: Any, body: Any, terms: Any) -> int:
-    """Set M, C and G of a `StateTerms`."""
-    tree.evaluate(arm, terms.q, terms.dq, body, terms.M, terms.C, terms.G)
-    return 0
-
-
-@function
-def set_tree_mass_and_bias(arm: Any, s: Any) -> int:
-    """Set M and C dq + G of a scratch."""
-    tree.place(arm, s.q, s)
-    tree.weigh(arm, s)
-    tree.move(arm, s.dq, s)
-    tree.bias(arm, s, s.dq, s.bias)
-    tree.mass_matrix(arm, s, s.M)
-    return 0
-
-
-@function
 def set_two_link_terms(arm: Any, _body: Any, terms: Any) -> int:
     """Set M, C and G of a `StateTerms`."""
     evaluate_two_link(arm, terms.q, terms.dq, terms.M, terms.C, terms.G)
@@ -239,7 +221,8 @@ def set_two_link_mass_and_bias(arm: Any, s: Any) -> int:
     v1 = s.dq[0]
     v2 = s.dq[1]
     for i in range(2):
-        s.bias[i] += C[i, 0] * v1 + C[i, 1] * v2
+        torque = C[i, 0] * v1 + C[i, 1] * v2
+        s.bias[i] += torque
     return 0
 
 
@@ -262,6 +245,6 @@ def evaluate_two_link(arm: Any, q: Any, dq: Any, M: Any, C: Any, G: Any) -> None
 
 #: Functions of a `CompiledArm` by its numbers: terms for the control step, and for the plant.
 ARM_FUNCTIONS: dict[type, tuple[Callable[..., int], Callable[..., int]]] = {
-    Arm: (set_tree_terms, set_tree_mass_and_bias),
+    Arm: (tree.set_terms, tree.set_mass_and_bias),
     TwoLinkArm: (set_two_link_terms, set_two_link_mass_and_bias),
 }

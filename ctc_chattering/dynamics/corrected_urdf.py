@@ -250,7 +250,8 @@ def _verify(model: UrdfModel, parameters: Array, rotor: Sequence[float]) -> None
     """Raise `CtcError` unless the new text has the parameters."""
     sizes = np.abs(parameters).max(axis=1, keepdims=True)
     written = model.inertial_parameters().reshape(-1, 10)
-    error = float((np.abs(written - parameters) / sizes).max())
+    errors = np.abs(written - parameters) / sizes
+    error = float(errors.max())
     if not error <= _TEXT_TOLERANCE or (
         len(rotor) and list(rotor) != list(model.rotor_inertias)
     ):

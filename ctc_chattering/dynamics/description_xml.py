@@ -110,5 +110,4 @@ def _parse(text: str, comments: bool) -> ET.Element:
         ) from None
     except ValueError as error:
         raise CtcError(f'the description is not XML: {error}') from None
-    root: ET.Element = builder.close()
-    return root
+    return builder.close()

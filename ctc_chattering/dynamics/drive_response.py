@@ -81,7 +81,8 @@ def drive_phases(gap: Array, lag: Array, rate: Array, s: float) -> DrivePhases:
         Time since the command came [s].
 
     """
-    limited = np.maximum(np.abs(gap) / rate - lag, 0.0)
+    duration = np.abs(gap) / rate - lag
+    limited = np.maximum(duration, 0.0)
     slope = np.sign(gap) * np.minimum(rate, _UNLIMITED_RATE)
     ramp = np.minimum(limited, s)
     if lag.min() > 0.0:
@@ -100,14 +101,18 @@ def response(gap: Array, lag: Array, rate: Array, s: float) -> tuple[Array, Arra
     Parameters are those of `drive_phases`.
     """
     phases = drive_phases(gap, lag, rate, max(s, 0.0))  # Rounding apart, s is never less.
-    ramp, error = phases.ramp, phases.error
+    ramp = phases.ramp
+    error = phases.error
     end = error * phases.decay
     area = ramp * (0.5 * phases.slope * ramp - gap)
-    return end, area + lag * (error - end)
+    tail = lag * (error - end)
+    return end, area + tail
 
 
 @function
-def middle_error(gap: Array, lag: Array, rate: Array, s: float, half: float) -> Array:
+def middle_error(
+    gap: Array, lag: Array, rate: Array, s: float, half: float
+) -> Array:
     """
     Return τ - c for the middle of a step, shape (n,) [N·m].
 
@@ -116,7 +121,8 @@ def middle_error(gap: Array, lag: Array, rate: Array, s: float, half: float) -> 
     """
     start, area_before = response(gap, lag, rate, s - half)
     end, area_after = response(gap, lag, rate, s + half)
-    return 0.75 * (area_after - area_before) / half - 0.25 * (start + end)
+    mean = 0.75 * (area_after - area_before) / half
+    return mean - 0.25 * (start + end)
 
 
 @record
@@ -173,15 +179,21 @@ class DriveModel(NamedTuple):
 
     def follow(self, torque: Array, command: Array) -> DriveTorque:
         """Return the torque that follows a held `command`, each of shape (n,) [N·m]."""
-        h, T, x0 = self.period, self.lag, torque - command
+        h = self.period
+        T = self.lag
+        x0 = torque - command
         if every(np.abs(x0) <= self.linear_gap):
             return DriveTorque(command + self.decay * x0, command + self.mean * x0,
                                command + self.weighted * x0)
         phases = drive_phases(command - torque, T, self.rate, h)
-        r, slope, x1 = phases.ramp, phases.slope, phases.error
+        r = phases.ramp
+        slope = phases.slope
+        x1 = phases.error
         area = r * (x0 + 0.5 * slope * r)
         tail = T * x1 * (1.0 - phases.decay)
-        weighted = h * area - r * r * (0.5 * x0 + slope * r / 3.0) + T * (x1 * (h - r) - tail)
+        ramp_moment = r * r * (0.5 * x0 + slope * r / 3.0)
+        tail_moment = T * (x1 * (h - r) - tail)
+        weighted = h * area - ramp_moment + tail_moment
         return DriveTorque(command + x1 * phases.decay, command + (area + tail) / h,
                            command + 2.0 / (h * h) * weighted)
 

@@ -60,9 +60,9 @@ class Elastic(Model):
         self._links = model.n
         self._elastic = elastic
         self.n = model.n + len(elastic)
-        self._stiffness, self._damping, self._inertia = np.array(
-            (stiffness, damping, inertia), float
-        )[:, elastic]
+        self._stiffness = np.array(stiffness, float)[elastic]
+        self._damping = np.array(damping, float)[elastic]
+        self._inertia = np.array(inertia, float)[elastic]
         #: θ - q of the springs is this matrix times the coordinates.
         self._stretch = np.hstack((-np.eye(model.n)[elastic], np.eye(len(elastic))))
         motors = np.arange(model.n)
@@ -80,15 +80,18 @@ class Elastic(Model):
     def coriolis_matrix(self, q: Vector, dq: Vector) -> Rows:
         """Return C and D, shape (n, n)."""
         links = self._links
-        matrix = (self._stretch.T * self._damping) @ self._stretch
+        torques = self._stretch.T * self._damping
+        matrix = torques @ self._stretch
         matrix[:links, :links] += self._model.coriolis_matrix(q[:links], dq[:links])
         rows: Rows = matrix.tolist()
         return rows
 
     def gravity_torque(self, q: Vector) -> Vector:
         """Return G with the torques of the springs."""
-        torque = self._stretch.T @ (self._stiffness * (self._stretch @ q))
-        torque[: self._links] += self._model.gravity_torque(q[: self._links])
+        springs = self._stiffness * (self._stretch @ q)
+        torque = self._stretch.T @ springs
+        links = self._links
+        torque[:links] += self._model.gravity_torque(q[:links])
         values: list[float] = torque.tolist()
         return values
 
@@ -114,8 +117,9 @@ class Elastic(Model):
 
     def rate(self, q: Vector) -> float:
         """Return a bound of the eigenvalues at rest [1/s]."""
-        link_mobility = np.linalg.inv(np.array(self._model.mass_matrix(q))).diagonal()
+        M = np.array(self._model.mass_matrix(q))
+        link_mobility = np.linalg.inv(M).diagonal()
         mobility = 1.0 / self._inertia + link_mobility[self._elastic]
-        return float(
-            (self._damping * mobility + np.sqrt(self._stiffness * mobility)).max()
-        )
+        damping_rate = self._damping * mobility
+        frequency = np.sqrt(self._stiffness * mobility)
+        return float((damping_rate + frequency).max())

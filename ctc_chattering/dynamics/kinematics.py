@@ -118,7 +118,8 @@ class ForwardKinematics:
         for i, frame in enumerate(self.frames):
             pose = frame.origin
             if frame.joint:
-                pose = pose @ joint_motion(frame.joint, q[..., frame.joint_index])
+                position = q[..., frame.joint_index]
+                pose = pose @ joint_motion(frame.joint, position)
             if frame.parent >= 0:
                 pose = poses[..., frame.parent, :, :] @ pose
             poses[..., i, :, :] = pose
@@ -141,7 +142,8 @@ class ForwardKinematics:
 def origin_pose(origin: Origin) -> Array:
     """Return the pose of an origin, shape (4, 4)."""
     pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_euler('xyz', origin.rpy).as_matrix()
+    rotation = Rotation.from_euler('xyz', origin.rpy)
+    pose[:3, :3] = rotation.as_matrix()
     pose[:3, 3] = origin.xyz
     return pose
 
@@ -167,5 +169,6 @@ def joint_motion(joint: Joint, q: float | Array) -> Array:
     if joint.prismatic:
         motion[..., :3, 3] = displacement
     else:
-        motion[..., :3, :3] = Rotation.from_rotvec(displacement).as_matrix()
+        rotation = Rotation.from_rotvec(displacement)
+        motion[..., :3, :3] = rotation.as_matrix()
     return motion

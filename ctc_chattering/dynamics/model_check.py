@@ -87,23 +87,15 @@ class _SampledState:
         #: √M_ii, shape (n,).
         self.size: Array = np.sqrt(np.maximum(np.abs(self.M.diagonal()), 1e-300))
 
-    def is_well_formed(self) -> bool:
-        """Return whether terms are finite and have their shapes."""
-        n = self.model.n
-        terms = (self.M, self.C, self.G)
-        return [x.shape for x in terms] == [(n, n), (n, n), (n,)] and all(
-            np.isfinite(x).all() for x in terms
-        )
-
     def matrix_error(self, error: Array, scale: float = 1.0) -> float:
         """Return the largest relative element of an error of M."""
-        return float(np.abs(error / np.outer(self.size, self.size)).max()) / scale
+        relative = error / np.outer(self.size, self.size)
+        return float(np.abs(relative).max()) / scale
 
     def torque_error(self, error: Array, load: Array) -> float:
         """Return the largest relative error of a torque."""
-        return float(
-            (np.abs(error) / (np.abs(load) + 1e-12 * self.size**2 + 1e-300)).max()
-        )
+        size = np.abs(load) + 1e-12 * self.size**2 + 1e-300
+        return float((np.abs(error) / size).max())
 
     def load(self, ddq: Array) -> Array:
         """Return the size of the terms of (1)."""
@@ -115,7 +107,9 @@ class _SampledState:
         )
         return load
 
-    def slope(self, function: Callable[[Vector], object], direction: Array) -> Array:
+    def slope(
+        self, function: Callable[[Vector], object], direction: Array
+    ) -> Array:
         """Return the derivative along a direction."""
         step = _STEP_RAD * direction
         above = np.array(function((self.q + step).tolist()))
@@ -196,22 +190,24 @@ def _outcome(check: _Check, state: _SampledState) -> PropertyCheck:
         exception_text = f'{type(exception).__name__}: {exception}'
     if np.isnan(error):
         error = np.inf
-    q = tuple(state.q.tolist())
-    dq = tuple(state.dq.tolist())
     return PropertyCheck(
         check.name,
         error <= check.tolerance,
         error,
         check.tolerance,
-        q,
-        dq,
+        tuple(state.q.tolist()),
+        tuple(state.dq.tolist()),
         exception_text,
     )
 
 
 def _malformed(s: _SampledState) -> float:
     s.evaluate()
-    return 0.0 if s.is_well_formed() else np.inf
+    terms = (s.M, s.C, s.G)
+    n = s.model.n
+    if [x.shape for x in terms] != [(n, n), (n, n), (n,)]:
+        return np.inf
+    return 0.0 if all(np.isfinite(x).all() for x in terms) else np.inf
 
 
 def _symmetry_error(s: _SampledState) -> float:
@@ -219,12 +215,14 @@ def _symmetry_error(s: _SampledState) -> float:
 
 
 def _condition_number(s: _SampledState) -> float:
-    values = np.linalg.eigvalsh(s.M / np.outer(s.size, s.size))
+    scaled = s.M / np.outer(s.size, s.size)
+    values = np.linalg.eigvalsh(scaled)
     return float(values[-1] / values[0]) if values[0] > 0.0 else np.inf
 
 
 def _skew_error(s: _SampledState) -> float:
-    skew = 0.5 * s.slope(s.model.mass_matrix, s.dq) - s.C
+    mass_rate = s.slope(s.model.mass_matrix, s.dq)
+    skew = 0.5 * mass_rate - s.C
     return s.matrix_error(skew + skew.T, s.speed)
 
 
@@ -232,9 +230,11 @@ def _lagrange_error(s: _SampledState) -> float:
     """Compare C dq with dM/dt dq - ½ grad(dqᵀ M dq)."""
     mass_matrix = s.model.mass_matrix
     gradient = 0.5 * s.gradient(mass_matrix) @ s.dq @ s.dq
-    expected = s.slope(mass_matrix, s.dq) @ s.dq - gradient
+    mass_rate = s.slope(mass_matrix, s.dq)
+    expected = mass_rate @ s.dq - gradient
     error = (s.C @ s.dq - expected) / s.size
-    return float(np.abs(error).max() / (s.size.max() * s.speed**2))
+    scale = s.size.max() * s.speed**2
+    return float(np.abs(error).max() / scale)
 
 
 def _gradient_error(s: _SampledState) -> float:
@@ -243,9 +243,9 @@ def _gradient_error(s: _SampledState) -> float:
     scale = float(np.abs([s.G, gradient]).max())
     # The difference of two potentials is known no better than they are.
     noise = 1e-8 * abs(potential(s.q.tolist()))
-    return float(np.abs(s.G - gradient).max()) / (
-        scale + noise + 1e-6 * float(s.size.max()) ** 2
-    )
+    floor = 1e-6 * float(s.size.max()) ** 2
+    error = float(np.abs(s.G - gradient).max())
+    return error / (scale + noise + floor)
 
 
 def _inverse_error(s: _SampledState) -> float:

@@ -72,11 +72,11 @@ def is_possible(matrix: Array) -> bool:
     mass = matrix[3, 3]
     if not mass > 0.0:
         return False
-    length = np.sqrt(max(np.trace(matrix[:3, :3]) / mass, _LEAST_LENGTH_M**2))
+    square = np.trace(matrix[:3, :3]) / mass
+    length = np.sqrt(max(square, _LEAST_LENGTH_M**2))
     units = _units(mass, length)
-    return bool(
-        np.linalg.eigvalsh(matrix / np.outer(units, units))[0] > -_EIGENVALUE_ROUNDING
-    )
+    eigenvalues = np.linalg.eigvalsh(matrix / np.outer(units, units))
+    return bool(eigenvalues[0] > -_EIGENVALUE_ROUNDING)
 
 
 def _units(mass: float, length: float) -> Array:
@@ -87,8 +87,7 @@ def _units(mass: float, length: float) -> Array:
 
 def stacked(matrix: Array) -> Array:
     """Return the elements of symmetric matrices, shape (..., 10)."""
-    elements: Array = matrix[..., _UPPER[0], _UPPER[1]] * _STRETCH
-    return elements
+    return matrix[..., _UPPER[0], _UPPER[1]] * _STRETCH
 
 
 def symmetric(elements: Array) -> Array:
@@ -116,7 +115,8 @@ def unit(prior: Array, heaviest: float) -> Array:
     """
     matrix = pseudo_inertia(prior)
     mass = max(prior[0], 0.0) or _REFERENCE_MASS_RATIO * heaviest
-    length = np.sqrt(max(np.trace(matrix[:3, :3]) / mass, 0.0)) or _REFERENCE_LENGTH_M
+    square = np.trace(matrix[:3, :3]) / mass
+    length = np.sqrt(max(square, 0.0)) or _REFERENCE_LENGTH_M
     units = _units(mass, length)
     values, vectors = np.linalg.eigh(matrix / np.outer(units, units))
     # S is any matrix with S Sᵀ = J. A triangular one, or one with scales, does as well.

@@ -35,7 +35,7 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import as_ctc_error, CtcError, ParameterError
 from ctc_chattering.numerics.time_grid import period_ns
-from ctc_chattering.parameters import Config, LEAST, named_class, parameter
+from ctc_chattering.parameters import Config, LEAST, named_class, parameter, PerJoint, Strings
 
 #: Values of the parameter ``model``, besides classes.
 MODELS = ('two_link', 'urdf')
@@ -47,7 +47,7 @@ DESCRIBED = 'described'
 class DescribedConfig(Config):
     """Joints and robot description of all loop nodes."""
 
-    joint_names: tuple[str, ...] = parameter(
+    joint_names: Strings = parameter(
         ('joint1', 'joint2'),
         'Joints, in the order of gains and torques.',
         read_only=True,
@@ -65,7 +65,7 @@ class DescribedConfig(Config):
         'robot_description.',
         read_only=True,
     )
-    continuous_joints: tuple[str, ...] = parameter(
+    continuous_joints: Strings = parameter(
         (DESCRIBED,),
         'Joints that turn endlessly, whose positions count modulo 2 pi; described: '
         'those that the description, or the model, says.',
@@ -113,7 +113,7 @@ class DescribedConfig(Config):
 class RobotConfig(DescribedConfig):
     """Joints and model of plant and controller."""
 
-    locked: tuple[str, ...] = parameter(
+    locked: Strings = parameter(
         ('',),
         'Positions of joints not in joint_names, each "name position"; default 0.',
         read_only=True,
@@ -121,7 +121,7 @@ class RobotConfig(DescribedConfig):
     gravity: float = parameter(
         9.81, 'Acceleration of gravity in G.', 'm/s^2', read_only=True
     )
-    rotor_inertia: tuple[float, ...] = parameter(
+    rotor_inertia: PerJoint = parameter(
         0.0,
         'Model urdf: inertia of the rotors at the joints, gear ratios squared included; 0 '
         'for that of the description.',

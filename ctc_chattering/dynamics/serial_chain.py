@@ -95,7 +95,8 @@ def _longest_ways(tree: Tree, counted: Container[str]) -> dict[str, int]:
     """Return the most counted joints outwards, joint by joint."""
     ways: dict[str, int] = {}
     for name, (_, child) in reversed(tree.ends.items()):
-        outwards = max((ways[joint] for joint in tree.joints_on(child)), default=0)
+        branches = [ways[joint] for joint in tree.joints_on(child)]
+        outwards = max(branches, default=0)
         ways[name] = outwards + (name in counted)
     return ways
 

@@ -15,8 +15,9 @@
 """
 M, C and G of a tree of bodies, compilable.
 
-`compiled_model` calls it with an `Arm`, which `UrdfModel.bodies` makes. Plain Python has Pinocchio
-(`urdf_model`) for the same terms, and takes this module for tests only.
+`CompiledArm` runs `set_terms` and `set_mass_and_bias` with an `Arm`, which `UrdfModel.bodies`
+makes. Plain Python has Pinocchio (`urdf_model`) for the same terms, and takes this module for
+tests only.
 
 Everything is in the frame of the base. A motion (ω, v) has the velocity v of the point at the
 origin. The motion of joint i is S_i = (z, p x z), or (0, z) of a prismatic one, with the axis z
@@ -40,12 +41,16 @@ from __future__ import annotations
 
 import dataclasses
 from math import cos, sin
-from typing import Any
+from typing import Any, NamedTuple
 
-from ctc_chattering.compiled.compilable import function
+from ctc_chattering.compiled.compilable import function, record, replaced, rotated
+from ctc_chattering.compiled.records import element_of
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import numpy.typing as npt
+
+#: Row of a vector, below the three of a matrix.
+_VECTOR = 3
 
 
 @dataclasses.dataclass
@@ -53,20 +58,19 @@ class Arm:
     """
     Numbers of a tree of n bodies, parents first.
 
-    The frame of a body is at its joint, with the axis of the
-    joint along z.
+    The frame of a body is at its joint, with the axis of the joint along z.
     """
 
     #: Acceleration of gravity, downwards [m/s²].
     gravity: float
-    #: Body that carries each body, -1 for the base, shape (n,).
+    #: Body that carries each body, n for the base, shape (n,).
     parent: npt.NDArray[np.int64]
-    #: True for a prismatic joint, shape (n,).
-    prismatic: npt.NDArray[np.bool_]
+    #: 1 for a prismatic joint, else 0, shape (n,).
+    prismatic: npt.NDArray[np.int8]
     #: Index in q, M, C and G of the joint of each body, shape (n,).
     joint: npt.NDArray[np.int64]
-    #: Frame of the body at position 0 in that of the parent, shape (n, 3, 3).
-    rotation: Array
+    #: Axes of the body at position 0 in the frame of the parent, a row each, shape (n, 3, 3).
+    axes: Array
     #: The same frame's origin, shape (n, 3) [m].
     offset: Array
     #: Shape (n,) [kg].
@@ -79,251 +83,242 @@ class Arm:
     rotor: Array
 
 
-@dataclasses.dataclass
 class BodyScratch:
     """
-    Scratch memory, in the frame of the base.
+    Scratch memory for `n` joints, in the frame of the base.
 
-    Arrays have a row for each body. The last row, the parent -1, is the base, which does not
-    move. Its sums are not read. A vector of six is an angular part, then a linear one.
+    Body n is the base, which does not move. Its sums are not read. A matrix has a vector as its
+    fourth row.
     """
 
-    #: Shape (n + 1, 3, 3).
-    rotation: Array
-    #: Shape (n + 1, 3).
-    origin: Array
-    #: Motion S of each joint, shape (n + 1, 6).
-    joint: Array
-    #: dS/dt, shape (n + 1, 6).
-    joint_rate: Array
-    #: Shape (n + 1, 6).
-    twist: Array
-    #: Shape (n + 1, 6).
-    acceleration: Array
-    #: Of a body, then of all it carries, shape (n + 1,).
-    mass: Array
-    #: First moment, shape (n + 1, 3).
-    moment: Array
-    #: Shape (n + 1, 3, 3).
-    inertia: Array
-    #: W, shape (n + 1, 3, 3).
-    coupling: Array
-    #: P, shape (n + 1, 3).
-    momentum: Array
-    #: Moment and force on a body, shape (n + 1, 6).
-    force: Array
-    #: (K, L) and (K', L') of the body in hand, shape (6,).
-    unit_momentum: Array
-    unit_momentum_rate: Array
-    #: I of the body in hand, shape (3, 3).
-    central_inertia: Array
-    #: Centre of the body in hand, shape (3,).
-    center: Array
-    #: A vector in hand, shape (3,).
-    vector: Array
-    #: State of the joints, shape (n,).
-    q: Array
-    dq: Array
-    #: Terms of (1) at the state, shapes (n, n) and (n,).
-    M: Array
-    C: Array
-    #: C dq + G.
-    bias: Array
+    def __init__(self, n: int) -> None:
+
+        def bodies(*shape: int) -> Array:
+            return np.zeros((n + 1, *shape))
+
+        #: Axes x, y and z of each body, and its origin.
+        self.frame = bodies(4, 3)
+        self.frame[n, :3] = np.eye(3)
+        #: `Spatial`: motion S of each joint, dS/dt, and motion of each body.
+        self.joint = bodies(2, 3)
+        self.joint_rate = bodies(2, 3)
+        self.twist = bodies(2, 3)
+        self.acceleration = bodies(2, 3)
+        #: `Spatial` force on a body, then on all it carries.
+        self.force = bodies(2, 3)
+        #: Mass of a body, then of all it carries.
+        self.mass = bodies()
+        #: Inertia and first moment, in the same way.
+        self.inertia = bodies(4, 3)
+        #: W and P, in the same way.
+        self.coupling = bodies(4, 3)
+        #: Matrices of the body in hand.
+        self.body = np.zeros((2, 3, 3))
+        #: State of the joints, shape (n,).
+        self.q = np.zeros(n)
+        self.dq = np.zeros(n)
+        #: M, C, and C dq + G at the state.
+        self.M = np.zeros((n, n))
+        self.C = np.zeros((n, n))
+        self.bias = np.zeros(n)
 
 
-def body_scratch(n: int) -> BodyScratch:
-    """Return scratch for `n` joints."""
+@record
+class Spatial(NamedTuple):
+    """Angular and linear part of a motion, momentum or force."""
 
-    def rows(*shape: int) -> Array:
-        return np.zeros((n + 1, *shape))
-
-    scratch = BodyScratch(
-        rotation=rows(3, 3),
-        origin=rows(3),
-        joint=rows(6),
-        joint_rate=rows(6),
-        twist=rows(6),
-        acceleration=rows(6),
-        mass=rows(),
-        moment=rows(3),
-        inertia=rows(3, 3),
-        coupling=rows(3, 3),
-        momentum=rows(3),
-        force=rows(6),
-        unit_momentum=np.zeros(6),
-        unit_momentum_rate=np.zeros(6),
-        central_inertia=np.zeros((3, 3)),
-        center=np.zeros(3),
-        vector=np.zeros(3),
-        q=np.zeros(n),
-        dq=np.zeros(n),
-        M=np.zeros((n, n)),
-        C=np.zeros((n, n)),
-        bias=np.zeros(n),
-    )
-    scratch.rotation[-1] = np.eye(3)
-    return scratch
+    angular: Array
+    linear: Array
 
 
 @function
-def product(x: Array, y: Array) -> Any:
-    """Return x · y of vectors of three."""
-    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
+def read(pairs: Array, i: int) -> Spatial:
+    """Return the `Spatial` of a body."""
+    pair = element_of(pairs, i)
+    return Spatial(pair[0], pair[1])
+
+
+@function
+def write(pairs: Array, i: int, angular: Array, linear: Array) -> None:
+    """Set the `Spatial` of a body."""
+    pair = element_of(pairs, i)
+    pair[0] = angular
+    pair[1] = linear
 
 
 @function
 def add_product(total: float, x: Array, y: Array) -> Any:
     """Return `total` plus x · y, term by term."""
-    return total + x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
+    terms = x * y
+    return total + terms[0] + terms[1] + terms[2]
 
 
 @function
-def power(motion: Array, force: Array) -> Any:
+def power(motion: Spatial, force: Spatial) -> Any:
     """Return the product of a motion and a force."""
-    return add_product(product(motion, force), motion[3:], force[3:])
+    angular = add_product(0.0, motion.angular, force.angular)
+    return add_product(angular, motion.linear, force.linear)
 
 
 @function
-def add_to(x: Array, y: Array) -> None:
-    """Add y to x."""
-    for a in range(len(x)):
-        x[a] += y[a]
+def add_cross(total: Any, x: Array, y: Array) -> Array:
+    """Return `total` plus x × y, term by term."""
+    yzx = rotated(x)
+    zxy = rotated(rotated(y))
+    subtrahend = rotated(yzx) * rotated(y)
+    result: Array = total + yzx * zxy - subtrahend
+    return result
 
 
 @function
-def cross(x: Array, y: Array, a: int) -> Any:
-    """Return element a of x × y."""
-    b = (a + 1) % 3
-    c = (a + 2) % 3
-    return x[b] * y[c] - x[c] * y[b]
+def add_rows(total: Any, matrix: Array, x: Array) -> Array:
+    """Return `total` plus the sum of rows times x."""
+    first = total + x[0] * matrix[0]
+    second = first + x[1] * matrix[1]
+    third: Array = second + x[2] * matrix[2]
+    return third
 
 
 @function
-def add_cross(total: float, x: Array, y: Array, a: int) -> Any:
-    """Return `total` plus element a of x × y."""
-    b = (a + 1) % 3
-    c = (a + 2) % 3
-    return total + x[b] * y[c] - x[c] * y[b]
+def mirror(matrix: Array) -> None:
+    """Make a matrix symmetric, from its upper triangle."""
+    matrix[1] = replaced(matrix[1], 0, matrix[0][1])
+    bottom = replaced(matrix[2], 0, matrix[0][2])
+    matrix[2] = replaced(bottom, 1, matrix[1][2])
 
 
 @function
-def point_inertia(mass: float, center: Array, a: int, b: int) -> Any:
-    """Return element (a, b) of m ((c · c) 1 - c cᵀ)."""
-    if a != b:
-        return -(mass * center[a] * center[b])
-    y = center[(a + 1) % 3]
-    z = center[(a + 2) % 3]
-    return mass * (y * y + z * z)
+def gather(sums: Array, i: int, parent: int) -> None:
+    """Add the rows of a body to those of its parent."""
+    total = element_of(sums, parent)
+    rows = element_of(sums, i)
+    for a in range(sums.shape[1]):
+        total[a] = total[a] + rows[a]
 
 
 @function
-def set_momentum(s: BodyScratch, i: int, motion: Array, out: Array) -> None:
-    """Set (K, L) of (RB2) of a motion."""
-    moment = s.moment[i]
-    rate = motion[:3]
-    velocity = motion[3:]
-    for a in range(3):
-        out[a] = add_cross(product(s.inertia[i, a], rate), moment, velocity, a)
-        out[3 + a] = add_cross(s.mass[i] * velocity[a], rate, moment, a)
+def point_inertia(mass: float, center: Array, a: int) -> Array:
+    """Return row a of m ((c · c) 1 - c cᵀ)."""
+    squares = rotated(center * center)
+    diagonal = mass * (squares + rotated(squares))
+    row = -(mass * center[a] * center)
+    return replaced(row, a, diagonal[a])
+
+
+@function
+def momentum_of(s: BodyScratch, i: int, motion: Spatial) -> Spatial:
+    """Return (K, L) of (RB2) of a motion."""
+    inertia = element_of(s.inertia, i)
+    moment = inertia[_VECTOR]
+    angular = add_rows(0.0, inertia, motion.angular)
+    linear = s.mass[i] * motion.linear
+    return Spatial(
+        add_cross(angular, moment, motion.linear),
+        add_cross(linear, motion.angular, moment),
+    )
 
 
 @function
 def place(arm: Arm, q: Array, s: BodyScratch) -> None:
-    """Set rotations, origins and joint motions S."""
+    """Set frames, and joint motions S."""
     for i in range(len(arm.parent)):
+        frame = element_of(s.frame, i)
+        parent = element_of(s.frame, arm.parent[i])
+        described = element_of(arm.axes, i)
         x = q[arm.joint[i]]
-        R = s.rotation[i]
-        origin = s.origin[i]
-        parent_rotation = s.rotation[arm.parent[i]]
-        parent_origin = s.origin[arm.parent[i]]
         for a in range(3):
-            origin[a] = add_product(parent_origin[a], parent_rotation[a], arm.offset[i])
-            for b in range(3):
-                R[a, b] = product(parent_rotation[a], arm.rotation[i, :, b])
-        z = R[:, 2]
-        S = s.joint[i]
+            frame[a] = add_rows(0.0, parent, described[a])
+        z = frame[2]
+        offset = element_of(arm.offset, i)
+        origin = add_rows(parent[_VECTOR], parent, offset)
         if arm.prismatic[i]:
-            for a in range(3):
-                origin[a] += x * z[a]
-                S[a] = 0.0
-                S[3 + a] = z[a]
+            origin = origin + x * z
+            write(s.joint, i, z - z, z)
         else:
             c = cos(x)
             d = sin(x)
-            for a in range(3):
-                x_axis = R[a, 0]
-                y_axis = R[a, 1]
-                R[a, 0] = c * x_axis + d * y_axis
-                R[a, 1] = c * y_axis - d * x_axis
-                S[a] = z[a]
-                S[3 + a] = cross(origin, z, a)
+            x_axis = c * frame[0] + d * frame[1]
+            frame[1] = c * frame[1] - d * frame[0]
+            frame[0] = x_axis
+            write(s.joint, i, z, add_cross(0.0, origin, z))
+        frame[_VECTOR] = origin
 
 
 @function
 def weigh(arm: Arm, s: BodyScratch) -> None:
     """Set mass, first moment and inertia of all bodies."""
-    c = s.center
-    row = s.vector
+    turned = element_of(s.body, 0)
     for i in range(len(arm.parent)):
-        R = s.rotation[i]
         m = arm.mass[i]
+        frame = element_of(s.frame, i)
+        described = element_of(arm.inertia, i)
+        inertia = element_of(s.inertia, i)
+        center = element_of(arm.center, i)
+        c = add_rows(frame[_VECTOR], frame, center)
         s.mass[i] = m
+        inertia[_VECTOR] = m * c
         for a in range(3):
-            c[a] = add_product(s.origin[i, a], R[a], arm.center[i])
-            s.moment[i, a] = m * c[a]
-        for a in range(3):
-            for b in range(3):
-                row[b] = product(R[a], arm.inertia[i, b])
-            for b in range(a, 3):  # R I Rᵀ, about the origin.
-                element = product(row, R[b]) + point_inertia(m, c, a, b)
-                s.inertia[i, a, b] = s.inertia[i, b, a] = element
+            turned[a] = add_rows(0.0, frame, described[a])
+        for a in range(3):  # R I Rᵀ, about the origin.
+            row = turned[0, a] * frame[0]
+            row = row + turned[1, a] * frame[1]
+            row = row + turned[2, a] * frame[2]
+            inertia[a] = row + point_inertia(m, c, a)
+        mirror(inertia)
 
 
 @function
 def move(arm: Arm, dq: Array, s: BodyScratch) -> None:
     """Set twists of bodies and dS/dt of joints."""
     for i in range(len(arm.parent)):
-        S = s.joint[i]
-        twist = s.twist[i]
-        rate = twist[:3]
-        velocity = twist[3:]
-        for a in range(6):
-            twist[a] = S[a] * dq[arm.joint[i]] + s.twist[arm.parent[i], a]
-        for a in range(3):
-            s.joint_rate[i, a] = cross(rate, S[:3], a)
-            s.joint_rate[i, 3 + a] = add_cross(
-                cross(rate, S[3:], a), velocity, S[:3], a
-            )
+        S = read(s.joint, i)
+        parent = read(s.twist, arm.parent[i])
+        speed = dq[arm.joint[i]]
+        rate = speed * S.angular + parent.angular
+        velocity = speed * S.linear + parent.linear
+        write(s.twist, i, rate, velocity)
+        angular = add_cross(0.0, rate, S.angular)
+        linear = add_cross(0.0, rate, S.linear)
+        write(s.joint_rate, i, angular, add_cross(linear, velocity, S.angular))
 
 
 @function
 def couple(arm: Arm, s: BodyScratch) -> None:
     """Set W and P of (RB1) of every body."""
-    I = s.central_inertia  # noqa: E741
-    c = s.center
+    unit = element_of(s.frame, len(arm.parent))
+    I = element_of(s.body, 0)  # noqa: E741
+    turned = element_of(s.body, 1)
     for i in range(len(arm.parent)):
         m = s.mass[i]
-        h = s.moment[i]
-        W = s.coupling[i]
-        P = s.momentum[i]
-        rate = s.twist[i, :3]
+        inertia = element_of(s.inertia, i)
+        h = inertia[_VECTOR]
+        W = element_of(s.coupling, i)
+        twist = read(s.twist, i)
+        rate = twist.angular
         inverse_mass = 1.0 / m if m else 0.0
+        c = inverse_mass * h
+        P = add_cross(m * twist.linear, rate, h)
+        W[_VECTOR] = P
         for a in range(3):
-            c[a] = inverse_mass * h[a]
-            P[a] = add_cross(m * s.twist[i, 3 + a], rate, h, a)
+            point = point_inertia(m, c, a)
+            I[a] = inertia[a] - point
+        mirror(I)
         for a in range(3):
-            for b in range(a, 3):
-                I[a, b] = I[b, a] = s.inertia[i, a, b] - point_inertia(m, c, a, b)
+            turned[a] = add_cross(0.0, rate, I[a])
         for a in range(3):
-            W[a, a] = cross(rate, I[a], a) + product(c, P) - P[a] * c[a]
+            # ω̂ I - I ω̂ is symmetric.
+            diagonal = add_product(0.0, c, P)
+            row = turned[a] + diagonal
             for b in range(a + 1, 3):
-                # ω̂ I - I ω̂ is symmetric, (I ω)^ is skew.
-                symmetric = 0.5 * add_cross(cross(rate, I[b], a), rate, I[a], b)
-                skew = 0.5 * product(I[3 - a - b], rate)
-                if b - a == 2:
-                    skew = -skew
-                W[a, b] = symmetric + skew - P[a] * c[b]
-                W[b, a] = symmetric - skew - P[b] * c[a]
+                twice = add_cross(turned[b][a], rate, I[a])
+                row = replaced(row, b, 0.5 * twice[b])
+            W[a] = row
+        mirror(W)
+        momentum = add_rows(0.0, I, rate)
+        spin = 0.5 * momentum
+        for a in range(3):
+            skew = add_cross(0.0, spin, unit[a])
+            W[a] = W[a] + skew - P[a] * c
 
 
 @function
@@ -331,115 +326,101 @@ def gather_mass(arm: Arm, s: BodyScratch, i: int) -> None:
     """Add mass, moment and inertia to those of the parent."""
     parent = arm.parent[i]
     s.mass[parent] += s.mass[i]
-    add_to(s.moment[parent], s.moment[i])
-    for a in range(3):
-        add_to(s.inertia[parent, a], s.inertia[i, a])
+    gather(s.inertia, i, parent)
 
 
 @function
-def gather_velocity_terms(arm: Arm, s: BodyScratch, i: int) -> None:
-    """Add W and P to those of the parent."""
-    parent = arm.parent[i]
-    add_to(s.momentum[parent], s.momentum[i])
-    for a in range(3):
-        add_to(s.coupling[parent, a], s.coupling[i, a])
-
-
-@function
-def fill_mass(arm: Arm, s: BodyScratch, j: int, M: Array) -> None:
-    """
-    Set row and column of a joint in M by (RB4).
-
-    `unit_momentum` is then (K, L) of the joint.
-    """
+def fill_mass(arm: Arm, s: BodyScratch, j: int, M: Array) -> Spatial:
+    """Set row and column of a joint in M by (RB4), and return (K, L)."""
     column = arm.joint[j]
-    set_momentum(s, j, s.joint[j], s.unit_momentum)
+    momentum = momentum_of(s, j, read(s.joint, j))
     i = j
-    while i >= 0:
+    while i < len(arm.parent):
         row = arm.joint[i]
-        M[row, column] = M[column, row] = power(s.joint[i], s.unit_momentum)
+        S = read(s.joint, i)
+        M[row, column] = M[column, row] = power(S, momentum)
         i = arm.parent[i]
     M[column, column] += arm.rotor[j]
+    return momentum
 
 
 @function
-def mass_matrix(arm: Arm, s: BodyScratch, M: Array) -> None:
-    """Set M, after `place` and `weigh`."""
-    M[:] = 0.0
-    for j in range(len(arm.parent) - 1, -1, -1):
-        fill_mass(arm, s, j, M)
-        gather_mass(arm, s, j)
-
-
-@function
-def evaluate(
-    arm: Arm, q: Array, dq: Array, s: BodyScratch, M: Array, C: Array, G: Array
-) -> None:
-    """Set M, C and G by (RB4) to (RB6)."""
-    place(arm, q, s)
+def set_terms(arm: Arm, s: BodyScratch, terms: Any) -> int:
+    """Set M, C and G of a `StateTerms` by (RB4) to (RB6)."""
+    place(arm, terms.q, s)
     weigh(arm, s)
-    move(arm, dq, s)
+    move(arm, terms.dq, s)
     couple(arm, s)
-    momentum_rate = s.unit_momentum_rate
-    turning = s.vector
+    M = terms.M
+    C = terms.C
     M[:] = 0.0
     C[:] = 0.0
     for j in range(len(arm.parent) - 1, -1, -1):
-        W = s.coupling[j]
-        P = s.momentum[j]
-        z = s.joint[j, :3]
-        velocity = s.joint[j, 3:]
+        W = element_of(s.coupling, j)
+        P = W[_VECTOR]
+        S = read(s.joint, j)
+        z = S.angular
         column = arm.joint[j]
-        fill_mass(arm, s, j, M)
-        set_momentum(s, j, s.joint_rate[j], momentum_rate)
-        for a in range(3):
-            # (K', L') of (RB3), and Wᵀ z + P x v of (RB5).
-            momentum_rate[a] += product(W[a], z)
-            momentum_rate[3 + a] += cross(z, P, a)
-            turning[a] = add_cross(product(W[:, a], z), P, velocity, a)
         # (RB6), with g along -z.
-        G[column] = arm.gravity * (cross(z, s.moment[j], 2) + velocity[2] * s.mass[j])
+        moment = element_of(s.inertia, j)[_VECTOR]
+        tilting = add_cross(0.0, z, moment)
+        lifting = S.linear[2] * s.mass[j]
+        terms.G[column] = arm.gravity * (tilting[2] + lifting)
+        momentum = fill_mass(arm, s, j, M)
+        # (K', L') of (RB3), and Wᵀ z + P x v of (RB5).
+        spin = z
+        for a in range(3):
+            spin = replaced(spin, a, add_product(0.0, W[a], z))
+        rate = momentum_of(s, j, read(s.joint_rate, j))
+        drift = add_cross(0.0, z, P)
+        rate = Spatial(rate.angular + spin, rate.linear + drift)
+        turning = add_rows(0.0, W, z)
+        turning = add_cross(turning, P, S.linear)
         i = j
-        while i >= 0:
+        while i < len(arm.parent):
             row = arm.joint[i]
-            S = s.joint[i]
+            S = read(s.joint, i)
             # (RB5), then (RB4).
-            C[column, row] = add_product(
-                power(s.joint_rate[i], s.unit_momentum), turning, S
-            )
-            C[row, column] = power(S, momentum_rate)
+            linear = power(read(s.joint_rate, i), momentum)
+            C[column, row] = add_product(linear, turning, S.angular)
+            C[row, column] = power(S, rate)
             i = arm.parent[i]
         gather_mass(arm, s, j)
-        gather_velocity_terms(arm, s, j)
+        gather(s.coupling, j, arm.parent[j])
+    return 0
 
 
 @function
-def bias(arm: Arm, s: BodyScratch, dq: Array, out: Array) -> None:
-    """
-    Set C dq + G.
-
-    It comes after `place`, `weigh` and `move`, and before `mass_matrix`.
-    """
+def set_mass_and_bias(arm: Arm, s: BodyScratch) -> int:
+    """Set M and C dq + G of a scratch."""
     n = len(arm.parent)
-    momentum = s.unit_momentum
+    place(arm, s.q, s)
+    weigh(arm, s)
+    move(arm, s.dq, s)
     # The base accelerates upwards in place of gravity.
-    s.acceleration[n, 5] = arm.gravity
+    s.acceleration[n, 1, 2] = arm.gravity
     for i in range(n):
-        rate = s.twist[i, :3]
-        velocity = s.twist[i, 3:]
-        force = s.force[i]
-        for a in range(6):
-            s.acceleration[i, a] = (
-                s.joint_rate[i, a] * dq[arm.joint[i]] + s.acceleration[arm.parent[i], a]
-            )
+        twist = read(s.twist, i)
+        S_rate = read(s.joint_rate, i)
+        parent = read(s.acceleration, arm.parent[i])
+        speed = s.dq[arm.joint[i]]
+        acceleration = Spatial(
+            S_rate.angular * speed + parent.angular,
+            S_rate.linear * speed + parent.linear,
+        )
+        write(s.acceleration, i, acceleration.angular, acceleration.linear)
         # Rate of the momentum: that of the acceleration, plus twist x momentum.
-        set_momentum(s, i, s.twist[i], momentum)
-        set_momentum(s, i, s.acceleration[i], force)
-        for a in range(3):
-            force[a] += add_cross(
-                cross(rate, momentum[:3], a), velocity, momentum[3:], a
-            )
-            force[3 + a] += cross(rate, momentum[3:], a)
+        momentum = momentum_of(s, i, twist)
+        force = momentum_of(s, i, acceleration)
+        angular = add_cross(0.0, twist.angular, momentum.angular)
+        angular = add_cross(angular, twist.linear, momentum.linear)
+        linear = add_cross(0.0, twist.angular, momentum.linear)
+        write(s.force, i, force.angular + angular, force.linear + linear)
+    s.M[:] = 0.0
     for i in range(n - 1, -1, -1):
-        out[arm.joint[i]] = power(s.joint[i], s.force[i])
-        add_to(s.force[arm.parent[i]], s.force[i])
+        S = read(s.joint, i)
+        s.bias[arm.joint[i]] = power(S, read(s.force, i))
+        gather(s.force, i, arm.parent[i])
+        fill_mass(arm, s, i, s.M)
+        gather_mass(arm, s, i)
+    return 0

@@ -99,10 +99,12 @@ class TwoLink(Model, LinearModel):
         s2 = sin(q[1])
         g1 = _torque_per_moment(gravity, q[0])
         g2 = _torque_per_moment(gravity, q[0] + q[1])
+        coupling1 = c2 * (a1 + a1 + a2) - s2 * v2 * (v1 + v1 + v2)
+        coupling2 = c2 * a1 + s2 * v1 * v1
         return np.array(
             (
-                (a1, a2, 0.0, c2 * (a1 + a1 + a2) - s2 * v2 * (v1 + v1 + v2), g1, g2),
-                (0.0, a1, a2, c2 * a1 + s2 * v1 * v1, 0.0, g2),
+                (a1, a2, 0.0, coupling1, g1, g2),
+                (0.0, a1, a2, coupling2, 0.0, g2),
             )
         )
 
@@ -123,9 +125,9 @@ class TwoLink(Model, LinearModel):
 
     def potential_energy(self, q: Vector) -> float:
         """Return the potential energy, 0 at hanging links [J]."""
-        return self.gravity * (
-            7.6 * (1.0 - cos(q[0])) + 0.63 * (1.0 - cos(q[0] + q[1]))
-        )
+        first = 7.6 * (1.0 - cos(q[0]))
+        second = 0.63 * (1.0 - cos(q[0] + q[1]))
+        return self.gravity * (first + second)
 
     def mass_and_bias(self, q: Array, dq: Array) -> tuple[Array, Array]:
         """Return M and C dq + G as arrays."""
@@ -134,10 +136,10 @@ class TwoLink(Model, LinearModel):
         t = terms(self.gravity, q.tolist())
         v1, v2 = dq.tolist()
         k = t.coupling
-        return (
-            np.array(((t.m11, t.m12), (t.m12, t.m22))),
-            np.array((t.g1 - k * v2 * (v1 + v1 + v2), k * v1 * v1 + t.g2)),
-        )
+        M = np.array(((t.m11, t.m12), (t.m12, t.m22)))
+        bias1 = t.g1 - k * v2 * (v1 + v1 + v2)
+        bias2 = k * v1 * v1 + t.g2
+        return M, np.array((bias1, bias2))
 
 
 def _torque_per_moment(gravity: Array, angle: float) -> float:

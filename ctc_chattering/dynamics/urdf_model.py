@@ -149,42 +149,33 @@ class UrdfModel(Model, LinearModel):
         model = self._model
         placements = model.jointPlacements.tolist()[1:]
         inertias = model.inertias.tolist()[1:]
-        parents = np.array(model.parents.tolist()[1:]) - 1
+        parents = (np.array(model.parents.tolist()[1:]) - 1) % (self.n + 1)
         # S of each joint, linear part first.
         motions = [
             np.array(joint.createData().S).ravel()
             for joint in model.joints.tolist()[1:]
         ]
-        prismatic = np.array([not motion[3:].any() for motion in motions])
-        # The last one is the base's, which the parent -1 takes.
+        # One of the two parts is the axis, the other is 0. The last body is the base.
         turns = np.array(
-            [
-                *(
-                    _rotation_to_z(motion[:3] if slides else motion[3:])
-                    for motion, slides in zip(motions, prismatic)
-                ),
-                np.eye(3),
-            ]
+            [*(_rotation_to_z(S[:3] + S[3:]) for S in motions), np.eye(3)]
         )
         into_parents = turns[parents].swapaxes(1, 2)
         turns = turns[:-1]
         into_bodies = turns.swapaxes(1, 2)
+        rotations = np.array([placement.rotation for placement in placements])
         offsets = np.array([placement.translation for placement in placements])
         centers = np.array([body.lever for body in inertias])
+        inertia = into_bodies @ [body.inertia for body in inertias] @ turns
         return Arm(
             gravity=self.gravity,
             parent=parents,
-            prismatic=prismatic,
+            prismatic=np.array([S[:3].any() for S in motions], np.int8),
             joint=self._order,
-            rotation=into_parents
-            @ [placement.rotation for placement in placements]
-            @ turns,
+            axes=(into_parents @ rotations @ turns).swapaxes(1, 2),
             offset=(into_parents @ offsets[:, :, np.newaxis])[:, :, 0],
             mass=np.array([body.mass for body in inertias]),
             center=(into_bodies @ centers[:, :, np.newaxis])[:, :, 0],
-            inertia=_mirrored(
-                into_bodies @ [body.inertia for body in inertias] @ turns
-            ),
+            inertia=np.triu(inertia) + np.triu(inertia, 1).swapaxes(1, 2),
             rotor=np.array(model.armature),
         )
 
@@ -211,12 +202,12 @@ class UrdfModel(Model, LinearModel):
         sizes = []
         for body in self._inertias:
             mass = max(body.mass, least_mass)
-            reach = max(
-                float(np.linalg.norm(body.lever)),
-                _LEAST_REACH_M,
-                float(np.sqrt(np.trace(body.inertia) / mass)),
-            )
-            sizes += [mass] + 3 * [mass * reach] + 6 * [mass * reach**2]
+            lever = float(np.linalg.norm(body.lever))
+            gyration = float(np.sqrt(np.trace(body.inertia) / mass))
+            reach = max(lever, _LEAST_REACH_M, gyration)
+            sizes += [mass]
+            sizes += 3 * [mass * reach]
+            sizes += 6 * [mass * reach**2]
         return np.array(sizes)
 
     def torque_regressor(
@@ -311,13 +302,8 @@ def _rotation_to_z(axis: Array) -> Array:
     nearest_normal = np.eye(3)[np.abs(axis).argmin()]
     x = np.cross(nearest_normal, axis)
     x /= np.linalg.norm(x)
-    return np.column_stack((x, np.cross(axis, x), axis))
-
-
-def _mirrored(matrix: Array) -> Array:
-    """Return the symmetric matrices of upper triangles."""
-    symmetric: Array = np.triu(matrix) + np.triu(matrix, 1).swapaxes(1, 2)
-    return symmetric
+    y = np.cross(axis, x)
+    return np.column_stack((x, y, axis))
 
 
 def _singular_joints(mass: Array) -> list[int]:
@@ -325,7 +311,8 @@ def _singular_joints(mass: Array) -> list[int]:
     if not np.isfinite(mass).all():
         return list(range(len(mass)))
     diagonal = mass.diagonal()
-    scale = np.sqrt(np.where(diagonal > _NO_INERTIA * diagonal.max(), diagonal, np.inf))
+    inert = diagonal > _NO_INERTIA * diagonal.max()
+    scale = np.sqrt(np.where(inert, diagonal, np.inf))
     values, vectors = np.linalg.eigh(mass / np.outer(scale, scale))
     share = np.abs(vectors[:, values <= _SINGULAR]).max(axis=1, initial=0.0)
     joints: list[int] = np.flatnonzero(share > _NAMED_SHARE * share.max()).tolist()

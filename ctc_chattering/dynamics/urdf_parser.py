@@ -475,32 +475,27 @@ def _axis_numbers(joint: ET.Element) -> list[float]:
     return parse_numbers(f'joint {joint.get("name")}', 'axis', text, 3)
 
 
-def _unit_axis(joint: ET.Element) -> tuple[float, ...]:
-    numbers = _axis_numbers(joint)
-    length = hypot(*numbers) or 1.0
-    return tuple(x / length for x in numbers)
-
-
 def _joint(element: ET.Element) -> Joint:
     """Return a joint with one degree of freedom."""
     name = element.get('name', '')
     joint_type = element.get('type', '')
     where = f'joint {name}'
 
-    def number(tag: str, key: str, default: str = '0', largest: float = inf) -> float:
+    def number(tag: str, key: str, default: str = '0') -> float:
         text = _attribute(element, tag, key, default)
+        largest = inf if tag == 'limit' else _LARGEST_NUMBER
         return parse_numbers(where, key, text, 1, largest)[0]
 
-    sizes = {key: number('limit', key) for key in ('effort', 'velocity')}
-    sizes |= {
-        key: number('limit', key, 'inf') for key in ('acceleration', 'deceleration')
-    }
-    sizes |= {
-        key: number('dynamics', key, largest=_LARGEST_NUMBER)
-        for key in ('friction', 'damping')
+    sizes = {
+        'effort': number('limit', 'effort'),
+        'velocity': number('limit', 'velocity'),
+        'acceleration': number('limit', 'acceleration', 'inf'),
+        'deceleration': number('limit', 'deceleration', 'inf'),
+        'friction': number('dynamics', 'friction'),
+        'damping': number('dynamics', 'damping'),
     }
     # Not in the standard.
-    rotor_inertia = number('dynamics', 'rotor_inertia', largest=_LARGEST_NUMBER)
+    rotor_inertia = number('dynamics', 'rotor_inertia')
     if rotor_inertia < 0.0:
         raise CtcError(
             f'URDF: {where}: rotor_inertia is {rotor_inertia:g}; it must not be negative'
@@ -508,11 +503,21 @@ def _joint(element: ET.Element) -> Joint:
     low = number('limit', 'lower')
     high = number('limit', 'upper')
     if joint_type == 'continuous' or low == high == 0.0:
-        low, high = -inf, inf
+        low = -inf
+        high = inf
+    axis = _axis_numbers(element)
+    length = hypot(*axis) or 1.0
+    mimic = None
+    if element.find('mimic') is not None:
+        mimic = Mimic(
+            _attribute(element, 'mimic', 'joint'),
+            number('mimic', 'multiplier', '1'),
+            number('mimic', 'offset'),
+        )
     return Joint(
         name,
         joint_type,
-        _unit_axis(element),
+        tuple(x / length for x in axis),
         (low, high),
         velocity=sizes['velocity'] or inf,
         effort=sizes['effort'] or inf,
@@ -520,31 +525,22 @@ def _joint(element: ET.Element) -> Joint:
         rotor_inertia=rotor_inertia,
         friction=sizes['friction'],
         damping=sizes['damping'],
-        mimic=_mimic(where, element),
+        mimic=mimic,
         fault=_negative_size(sizes) or _empty_range(low, high),
     )
-
-
-def _mimic(where: str, element: ET.Element) -> Mimic | None:
-    """Return the joint that a joint follows."""
-    mimic = element.find('mimic')
-    if mimic is None:
-        return None
-    (multiplier,) = parse_numbers(where, 'multiplier', mimic.get('multiplier', '1'), 1)
-    (offset,) = parse_numbers(where, 'offset', mimic.get('offset', '0'), 1)
-    return Mimic(mimic.get('joint', ''), multiplier, offset)
 
 
 def _negative_size(sizes: Mapping[str, float]) -> str:
     """Return the fault of a negative size, or nothing."""
     for name, value in sizes.items():
-        if value < 0.0 and name in ('effort', 'velocity'):
-            return (
-                f'{name} is {value:g}, which Gazebo takes for no limit and ros2_control for '
-                f'{-value:g}; write 0 for no limit, or the limit'
-            )
         if value < 0.0:
-            return f'{name} is {value:g}; it must not be negative'
+            advice = '; it must not be negative'
+            if name in ('effort', 'velocity'):
+                advice = (
+                    ', which Gazebo takes for no limit and ros2_control for '
+                    f'{-value:g}; write 0 for no limit, or the limit'
+                )
+            return f'{name} is {value:g}{advice}'
     return ''
 
 

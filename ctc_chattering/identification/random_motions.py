@@ -34,7 +34,7 @@ from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.interpolation import quintic
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS
-from ctc_chattering.parameters import Config, LEAST, parameter
+from ctc_chattering.parameters import Config, LEAST, parameter, PerJoint, Strings
 from ctc_chattering.trajectory.joint_limits import JointLimits
 from ctc_chattering.trajectory.waypoints import Route
 import numpy as np
@@ -69,17 +69,17 @@ _QUINTIC_VELOCITY, _QUINTIC_ACCELERATION = 1.875, 10.0 / sqrt(3.0)
 class ExcitationConfig(Config):
     """What is asked of the motion."""
 
-    joint_names: tuple[str, ...] = parameter(('joint1', 'joint2'), 'Joints of the motion.')
+    joint_names: Strings = parameter(('joint1', 'joint2'), 'Joints of the motion.')
     duration: float = parameter(
         60.0, 'Time from the start of the motion to its end.', 's', minimum=LEAST, maximum=600.0)
-    start: tuple[float, ...] = parameter(
+    start: PerJoint = parameter(
         0.0, 'Position from which the robot comes.', 'rad', minimum=-inf)
-    center: tuple[float, ...] = parameter(
+    center: PerJoint = parameter(
         0.0, "Position about which the joints move; default: the reference's.", 'rad',
         minimum=-inf)
-    friction: tuple[float, ...] = parameter(
+    friction: PerJoint = parameter(
         0.0, "Expected Coulomb friction; default: the plant's.", 'N*m')
-    position_range: tuple[float, ...] = parameter(
+    position_range: PerJoint = parameter(
         0.8, 'Greatest distance from the centre.', 'rad', minimum=LEAST)
     velocity_scale: float = parameter(
         0.5, 'Part of the limits of velocity and acceleration in the description to use; '

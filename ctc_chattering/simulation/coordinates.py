@@ -76,8 +76,7 @@ class ElasticJoints:
 
     def on_links(self, x: Array) -> Array:
         """Return values of the joints as those of the links, else 0."""
-        values: Array = np.concatenate((x, self._zero[len(x):]))
-        return values
+        return np.concatenate((x, self._zero[len(x):]))
 
     def seen(self, x: Array) -> Array:
         """Return the values that the encoders see, shape (n,)."""

@@ -28,7 +28,7 @@ from typing import Any, TypeVar
 from ctc_chattering.dynamics.registry import RobotConfig
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.time_grid import period_ns, samples
-from ctc_chattering.parameters import LEAST, parameter
+from ctc_chattering.parameters import LEAST, parameter, PerJoint
 import numpy as np
 
 #: Values of the parameter ``velocity_sensor``.
@@ -44,48 +44,48 @@ class PlantConfig(RobotConfig):
 
     payload: float = parameter(
         0.0, 'Mass at the end of the arm, unknown to the model; URDF only.', 'kg', read_only=True)
-    coulomb_friction: tuple[float, ...] = parameter(9.9, 'Coulomb friction Kf.', 'N*m')
-    viscous_friction: tuple[float, ...] = parameter(
+    coulomb_friction: PerJoint = parameter(9.9, 'Coulomb friction Kf.', 'N*m')
+    viscous_friction: PerJoint = parameter(
         0.0, 'Viscous friction coefficient.', 'N*m*s/rad')
-    stribeck_friction: tuple[float, ...] = parameter(
+    stribeck_friction: PerJoint = parameter(
         0.0, 'Friction at rest beyond Kf; fades as exp(-(dq / stribeck_velocity)^2).', 'N*m')
-    stribeck_velocity: tuple[float, ...] = parameter(
+    stribeck_velocity: PerJoint = parameter(
         0.05, 'Velocity at which stribeck_friction is 1/e.', 'rad/s', minimum=LEAST)
-    load_friction: tuple[float, ...] = parameter(
+    load_friction: PerJoint = parameter(
         0.0, 'Fraction of the magnitude of the mean torque that adds to Kf.', maximum=0.9)
-    friction_asymmetry: tuple[float, ...] = parameter(
+    friction_asymmetry: PerJoint = parameter(
         0.0, 'Coulomb friction is Kf (1 + this) forwards and Kf (1 - this) backwards.',
         minimum=-1.0, maximum=1.0)
     friction_model: str = parameter(
         '', 'Friction of your own; empty for none.', choices=('',), custom=True, read_only=True)
-    joint_stiffness: tuple[float, ...] = parameter(
+    joint_stiffness: PerJoint = parameter(
         inf, 'Stiffness between motor and link; .inf for a rigid joint.', 'N*m/rad', minimum=LEAST,
         read_only=True)
-    joint_damping: tuple[float, ...] = parameter(
+    joint_damping: PerJoint = parameter(
         0.0, 'Viscous damping between motor and link.', 'N*m*s/rad', read_only=True)
-    motor_inertia: tuple[float, ...] = parameter(
+    motor_inertia: PerJoint = parameter(
         0.0, 'Inertia of the motor of an elastic joint, reflected to the joint.', 'kg*m^2',
         read_only=True)
-    disturbance_amplitude: tuple[float, ...] = parameter(
+    disturbance_amplitude: PerJoint = parameter(
         0.0, 'Amplitude of the disturbance d(t).', 'N*m', name='disturbance.amplitude',
         minimum=-inf)
-    disturbance_frequency: tuple[float, ...] = parameter(
+    disturbance_frequency: PerJoint = parameter(
         0.0, 'Frequency of the disturbance d(t).', 'rad/s', name='disturbance.frequency',
         minimum=-inf)
-    disturbance_push: tuple[float, ...] = parameter(
+    disturbance_push: PerJoint = parameter(
         0.0, 'Torque added for disturbance.push_duration after it is set.', 'N*m',
         name='disturbance.push', minimum=-inf)
     disturbance_push_duration: float = parameter(
         0.2, 'Duration of a push.', 's', name='disturbance.push_duration', maximum=3600.0)
-    initial_position: tuple[float, ...] = parameter(
+    initial_position: PerJoint = parameter(
         0.0, 'Position at t = 0.', 'rad', minimum=-inf, read_only=True)
-    initial_velocity: tuple[float, ...] = parameter(
+    initial_velocity: PerJoint = parameter(
         0.0, 'Velocity at t = 0.', 'rad/s', minimum=-inf, read_only=True)
-    position_noise: tuple[float, ...] = parameter(
+    position_noise: PerJoint = parameter(
         0.0, 'Standard deviation of the noise on the position.', 'rad', read_only=True)
-    velocity_noise: tuple[float, ...] = parameter(
+    velocity_noise: PerJoint = parameter(
         0.0, 'Standard deviation of the noise on the velocity.', 'rad/s', read_only=True)
-    encoder_resolution: tuple[float, ...] = parameter(
+    encoder_resolution: PerJoint = parameter(
         0.0, 'Quantisation step of the measured position; 0 for none.', 'rad', read_only=True)
     encoder_side: str = parameter(
         'motor', 'Elastic joints: the side that is measured.', choices=('motor', 'link'),
@@ -109,17 +109,17 @@ class PlantConfig(RobotConfig):
     input_delay: int = parameter(
         0, 'Delay from receiving a torque to applying it, in samples.', maximum=100,
         read_only=True)
-    torque_saturation: tuple[float, ...] = parameter(
+    torque_saturation: PerJoint = parameter(
         inf, 'Largest torque of the drives; .inf for unlimited.', 'N*m', minimum=LEAST,
         read_only=True)
-    torque_resolution: tuple[float, ...] = parameter(
+    torque_resolution: PerJoint = parameter(
         0.0, 'Quantisation step of the commanded torque; 0 for none.', 'N*m', read_only=True)
-    torque_rate_limit: tuple[float, ...] = parameter(
+    torque_rate_limit: PerJoint = parameter(
         inf, 'Rate limit of the drives; .inf for unlimited.', 'N*m/s', minimum=LEAST,
         read_only=True)
-    actuator_lag: tuple[float, ...] = parameter(
+    actuator_lag: PerJoint = parameter(
         0.0, 'Time constant of the drives; 0 for none.', 's', read_only=True)
-    fault_damping: tuple[float, ...] = parameter(
+    fault_damping: PerJoint = parameter(
         20.0, 'Viscous friction of the brakes while no torque arrives.', 'N*m*s/rad')
     integration_step: float = parameter(
         1e-3, 'Largest step of the integrator, at most one control period.', 's', minimum=1e-9,

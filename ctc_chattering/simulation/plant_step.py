@@ -191,8 +191,7 @@ class CompiledPlantStep(Program):
 
     def set_input(self, received: PlantInput) -> None:
         """Use noise and faults of an input from now on."""
-        for name, x in zip(received._fields, received):
-            self.received[name] = x
+        store(self.received, received)
 
     def advance(self, torque: Array) -> None:
         """Go on by a sample with a torque, shape (n,) [N·m]."""

@@ -38,7 +38,7 @@ from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.angles import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import seconds
-from ctc_chattering.parameters import parameter, whole
+from ctc_chattering.parameters import parameter, PerJoint, whole
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import (
     check_limits,
@@ -70,13 +70,13 @@ class ReferenceConfig(DescribedConfig):
         'sinusoid', 'Between center - amplitude and center + amplitude: a sinusoid, or moves of '
         'trapezoidal velocity, half as fast, with a rest after each.',
         choices=('sinusoid', 'trapezoid'), read_only=True)
-    center: tuple[float, ...] = parameter(
+    center: PerJoint = parameter(
         (pi, 0.5 * pi), 'Centre of the sinusoid; by default 0 where there are not two joints.',
         'rad', minimum=-inf)
-    amplitude: tuple[float, ...] = parameter(
+    amplitude: PerJoint = parameter(
         0.5, 'Amplitude of the sinusoid.', 'rad', minimum=-inf)
-    frequency: tuple[float, ...] = parameter(1.0, 'Frequency of the sinusoid.', 'Hz')
-    phase: tuple[float, ...] = parameter(
+    frequency: PerJoint = parameter(1.0, 'Frequency of the sinusoid.', 'Hz')
+    phase: PerJoint = parameter(
         0.0, 'Phase of the sinusoid at t = 0.', 'rad', minimum=-inf)
     trajectory_file: str = parameter(
         '', 'YAML file of waypoints, as trajectory_msgs/JointTrajectory, in place of the profile; '

@@ -19,11 +19,12 @@ from importlib import import_module
 from pathlib import Path
 import subprocess
 import sys
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled import compilable, machine_code
 from ctc_chattering.compiled.machine_code import Code
-from ctc_chattering.compiled.records import numpy_record, packed
+from ctc_chattering.compiled.records import packed, record_of
 from ctc_chattering.errors import CtcError
 import numpy as np
 import pytest
@@ -49,7 +50,7 @@ def added(pair: Pair, table: Any) -> int:
 
 def _arguments(rows: int) -> tuple[Pair, Any]:
     def made(k: int) -> Any:
-        return numpy_record({'x': np.array([1.0, 2.0, -3.0]), 'k': np.array(k)})
+        return record_of(SimpleNamespace(x=np.array([1.0, 2.0, -3.0]), k=np.array(k)))
     return Pair(made(4), made(5)), np.arange(6.0 * rows).reshape(rows, 2, 3)
 
 
@@ -112,7 +113,7 @@ def test_another_layout_text_or_processor_is_another_file(monkeypatch: pytest.Mo
     path = Code(added, (pair, table), 'added').path
     assert Code(added, (pair, np.zeros((9, 2, 3))), 'added').path == path
     assert Code(added, (pair, np.zeros((2, 2, 4))), 'added').path != path
-    other = Pair(pair.first, numpy_record({'x': np.zeros(2), 'k': np.array(1)}))
+    other = Pair(pair.first, record_of(SimpleNamespace(x=np.zeros(2), k=np.array(1))))
     assert Code(added, (other, table), 'added').path != path
     for name in ('source_key', '_processor'):
         with monkeypatch.context() as context:

@@ -27,6 +27,7 @@ from ctc_chattering.compiled.compilable import (
     outweighs,
     record,
     replaced,
+    rotated,
     solve,
     solve_damped,
     solve_where,
@@ -64,7 +65,7 @@ def arithmetic(x: Array, y: Array) -> tuple[Array, ...]:
         x + y, x - 2.0, 3.0 * x, x / y, -x, np.abs(x), np.sign(x), np.exp(0.1 * x), np.cbrt(x),
         np.tanh(x), np.sqrt(np.abs(x)), np.minimum(x, y), np.maximum(x, 0.5),
         np.where(x <= y, x, y), np.where(both, 1.0, -1.0), np.where(x != y, x, 0.0),
-        np.where(~(x >= y), x, y), replaced(x, 1, 7.0),
+        np.where(~(x >= y), x, y), replaced(x, 1, 7.0), rotated(x),
         np.where(both, np.abs(x).max(), y[0]) + (1.0 if some(x > y) else 0.0)
         + (2.0 if every(x > y) else 0.0) + first(x > y))
 

@@ -21,7 +21,7 @@ from typing import Any
 from ctc_chattering.compiled.records import packed, record_of
 from ctc_chattering.dynamics.compiled_model import ARM_FUNCTIONS, arm_of, StateTerms
 from ctc_chattering.dynamics.model import Model, Scaled
-from ctc_chattering.dynamics.tree import body_scratch
+from ctc_chattering.dynamics.tree import BodyScratch
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 import numpy as np
@@ -50,7 +50,7 @@ def test_the_terms_of_the_model(name: str, scales: tuple[float, float]) -> None:
     numbers = arm_of(model, *scales)
     set_terms, set_mass_and_bias = ARM_FUNCTIONS[type(numbers)]
     arm = record_of(numbers)
-    body, place = record_of(body_scratch(n)), place_of(n)
+    body, place = record_of(BodyScratch(n)), place_of(n)
     for _ in range(5):
         q, dq = rng.uniform(-2.0, 2.0, (2, n))
         place.q, place.dq = body.q, body.dq = q, dq

@@ -17,8 +17,9 @@
 from __future__ import annotations
 
 from ctc_chattering.dynamics import tree
-from ctc_chattering.dynamics.compiled_model import arm_of
+from ctc_chattering.dynamics.compiled_model import arm_of, StateTerms
 from ctc_chattering.dynamics.urdf_model import UrdfModel
+from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import pytest
 from urdfs import branching_arm, PANDA, panda
@@ -26,47 +27,46 @@ from urdfs import branching_arm, PANDA, panda
 BRANCHES = ('lift', 'other', 'turn', 'shoulder')
 
 
+def terms_at(q: Array, dq: Array) -> StateTerms:
+    n = len(q)
+    return StateTerms(0, 0, q, dq, np.zeros((n, n)), np.zeros((n, n)), np.zeros(n))
+
+
 def test_products_are_those_of_numpy() -> None:
-    x, y, z = np.random.default_rng(1).normal(size=(3, 3))
-    assert tree.product(x, y) == pytest.approx(x @ y)
+    matrix = np.random.default_rng(1).normal(size=(3, 3))
+    x, y, z = matrix
     assert tree.add_product(2.0, x, y) == pytest.approx(2.0 + x @ y)
-    assert [tree.cross(x, y, a) for a in range(3)] == pytest.approx(np.cross(x, y))
-    assert [tree.add_cross(z[a], x, y, a) for a in range(3)] == pytest.approx(z + np.cross(x, y))
-    point = [[tree.point_inertia(2.0, x, a, b) for b in range(3)] for a in range(3)]
+    assert tree.add_cross(z, x, y) == pytest.approx(z + np.cross(x, y))
+    assert tree.add_rows(z, matrix, x) == pytest.approx(z + x @ matrix)
+    power = tree.power(tree.Spatial(x, y), tree.Spatial(y, z))
+    assert power == pytest.approx(x @ y + y @ z)
+    point = [tree.point_inertia(2.0, x, a) for a in range(3)]
     np.testing.assert_allclose(point, 2.0 * (x @ x * np.eye(3) - np.outer(x, x)), atol=1e-14)
 
 
 def test_newton_and_euler_give_the_sum_of_coriolis_and_gravity() -> None:
     arm = arm_of(UrdfModel(panda(), PANDA))
     assert isinstance(arm, tree.Arm)
-    s = tree.body_scratch(7)
-    q, dq = np.random.default_rng(2).uniform(-2.0, 2.0, (2, 7))
-    G, bias = np.zeros((2, 7))
-    tree.evaluate(arm, q, dq, s, s.M, s.C, G)
-    M = s.M.copy()
-    tree.place(arm, q, s)
-    tree.weigh(arm, s)
-    tree.move(arm, dq, s)
-    tree.bias(arm, s, dq, bias)
-    tree.mass_matrix(arm, s, s.M)
-    np.testing.assert_allclose(bias, s.C @ dq + G, rtol=0, atol=1e-11)
-    np.testing.assert_array_equal(s.M, M)
+    s = tree.BodyScratch(7)
+    terms = terms_at(*np.random.default_rng(2).uniform(-2.0, 2.0, (2, 7)))
+    s.q, s.dq = terms.q, terms.dq
+    tree.set_terms(arm, s, terms)
+    tree.set_mass_and_bias(arm, s)
+    np.testing.assert_allclose(s.bias, terms.C @ terms.dq + terms.G, rtol=0, atol=1e-11)
+    np.testing.assert_array_equal(s.M, terms.M)
 
 
 def test_joints_that_do_not_carry_each_other_have_0_whatever_the_last_arm_had() -> None:
-    s = tree.body_scratch(4)
+    s = tree.BodyScratch(4)
     branching = UrdfModel(branching_arm(), BRANCHES, 3.7, {'bent': 0.6})
-    q, dq = np.random.default_rng(6).uniform(-2.0, 2.0, (2, 4))
-    G = np.zeros(4)
-    alone = np.zeros((4, 4))
+    terms = terms_at(*np.random.default_rng(6).uniform(-2.0, 2.0, (2, 4)))
+    s.q, s.dq = terms.q, terms.dq
     for model in (UrdfModel(panda(), PANDA[:4]), branching):
         arm = arm_of(model)
         assert isinstance(arm, tree.Arm)
-        tree.evaluate(arm, q, dq, s, s.M, s.C, G)
-        tree.place(arm, q, s)
-        tree.weigh(arm, s)
-        tree.mass_matrix(arm, s, alone)
-    M, C, _ = branching.evaluate(q, dq)
+        tree.set_terms(arm, s, terms)
+        tree.set_mass_and_bias(arm, s)
+    M, C, _ = branching.evaluate(terms.q, terms.dq)
     assert M[0, 1] == C[0, 1] == 0.0
-    for matrix, expected in ((s.M, M), (s.C, C), (alone, M)):
+    for matrix, expected in ((terms.M, M), (terms.C, C), (s.M, M)):
         np.testing.assert_allclose(matrix, expected, rtol=0, atol=1e-12 * np.abs(M).max())
