@@ -23,22 +23,33 @@ above it, say which column belongs to which joint. `bags/reader.py` reads runs w
 from __future__ import annotations
 
 from array import array
+from collections.abc import Sequence
 import dataclasses
 from functools import cache
+from itertools import islice
 from operator import attrgetter
 from typing import Any, NamedTuple
 
 from ctc_chattering.bags.bag import Bag
 from ctc_chattering.errors import CtcError, suggest
 from ctc_chattering.numerics.linear_algebra import Array, Flags, Indices
-from ctc_chattering.numerics.time_grid import nanoseconds
+from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 import numpy.typing as npt
 from rosbags.interfaces import Connection
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 MULTI_ARRAY = 'std_msgs/msg/Float64MultiArray'
 Instants = npt.NDArray[np.int64]
+#: Log time [ns] and data.
+_Serialized = tuple[int, bytes]
+#: Messages that are read at once, which limits the memory.
+_BLOCK_MESSAGES = 10_000
+#: Bytes of the stamp's seconds in a message that begins with a header.
+_SECONDS = slice(4, 8)
+#: Bytes of its nanoseconds.
+_NANOSECONDS = slice(8, 12)
 #: Fields that have joint names, as messages call them.
 _NAME_FIELDS = ('name', 'names', 'joint_names', 'dof_names')
 
@@ -132,19 +143,64 @@ class SignalTopic(NamedTuple):
 
         Messages without one of them, or with one twice, are left out.
         """
-        @cache
-        def find_columns(names: tuple[str, ...]) -> Indices:
-            distinct = set(names)
-            is_complete = distinct.issuperset(joints) and len(distinct) == len(names)
-            indices = [names.index(x) for x in joints] if is_complete else []
-            return np.array(indices, int)
+        messages = ((t, data) for _, t, data in self.bag.read_serialized(self.connections))
+        blocks = [self._read_each([], joints)]
+        while block := list(islice(messages, _BLOCK_MESSAGES)):
+            blocks.append(self._read_alike(block, joints) or self._read_each(block, joints))
+        logged, stamps, values = zip(*blocks)
+        return Signal(
+            np.concatenate(logged),
+            np.concatenate(stamps),
+            tuple(np.concatenate(x) for x in zip(*values)))
 
+    def _read_alike(self, block: Sequence[_Serialized], joints: tuple[str, ...]) -> Signal | None:
+        """
+        Return messages that differ only in stamp and numbers, else None.
+
+        Decoded numbers are views of the data. So those of all messages lie at equal distances.
+        """
+        times, contents = zip(*block)
+        size = len(contents[0])
+        if any(len(x) != size for x in contents):
+            return None
+        rows = np.frombuffer(bytearray().join(contents), np.uint8).reshape(-1, size)
+        message = self.bag.decode(memoryview(rows[0]), self.message_type)
+        numbers = {}
+        fields = list(getattr(message, '__dataclass_fields__', ()))
+        for field in (*self.fields, *fields):
+            value = _value(message, field)
+            if getattr(value, 'dtype', None) == np.float64 and np.may_share_memory(value, rows):
+                numbers[field] = as_strided(
+                    value,
+                    (len(rows), len(value)),
+                    (size, value.itemsize))
+        names = _joint_names(message, self.fields[0]) or joints
+        indices = _find_columns(names, joints)
+        widths = {numbers[x].shape[1] if x in numbers else 0 for x in self.fields}
+        if not len(indices) or widths != {len(names)} or 'header' in fields[1:]:
+            return None
+        values = tuple(numbers[x][:, indices] for x in self.fields)
+        stamps = np.zeros(len(rows), np.int64)
+        if fields[:1] == ['header']:
+            sec = rows[:, _SECONDS].copy().view('<i4').astype(np.int64)
+            nanosec = rows[:, _NANOSECONDS].copy().view('<u4')
+            stamps = (sec * NANOSECONDS + nanosec)[:, 0]
+            rows[:, _SECONDS] = rows[:, _NANOSECONDS] = 0
+        for views in numbers.values():
+            views[...] = 0.0
+        if (rows != rows[0]).any():
+            return None
+        return Signal(np.array(times), stamps, values)
+
+    def _read_each(self, block: Sequence[_Serialized], joints: tuple[str, ...]) -> Signal:
+        """Return the values of some joints, message by message."""
         logged, stamps = array('q'), array('q')
         columns = [array('d') for _ in self.fields]
         missing = [np.nan] * len(joints)
-        for t, message in self.bag.read(self.connections):
+        for t, data in block:
+            message = self.bag.decode(data, self.message_type)
             names = _joint_names(message, self.fields[0]) or joints
-            indices = find_columns(names)
+            indices = _find_columns(names, joints)
             rows = [_numbers(message, field) for field in self.fields]
             if rows[0] is None or not len(indices):
                 continue
@@ -158,6 +214,15 @@ class SignalTopic(NamedTuple):
             logged.append(t)
         return Signal(np.array(logged), np.array(stamps), tuple(
             np.frombuffer(x).reshape(-1, len(joints)) for x in columns))
+
+
+@cache
+def _find_columns(names: tuple[str, ...], joints: tuple[str, ...]) -> Indices:
+    """Return the columns of some joints, empty if one is missing or twice."""
+    distinct = set(names)
+    is_complete = distinct.issuperset(joints) and len(distinct) == len(names)
+    indices = [names.index(x) for x in joints] if is_complete else []
+    return np.array(indices, int)
 
 
 _getter = cache(attrgetter)
