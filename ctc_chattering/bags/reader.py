@@ -48,7 +48,7 @@ from ctc_chattering.bags.state_order import order_states, STAMP_LIMITS
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import as_ctc_error, CtcError
-from ctc_chattering.numerics.angles import unwrapped_beside
+from ctc_chattering.numerics.angles import TURN, unwrapped, unwrapped_beside
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import missing, NANOSECONDS, period_ns, seconds
 from ctc_chattering.ros import topics
@@ -136,9 +136,14 @@ def _read_run(bag: Bag, replacements: Mapping[str, object]) -> Result:
     t = (states.stamps - start) / NANOSECONDS
     q, dq = states.values
     q_d, dq_d, ddq_d = reference.at(states.stamps).transpose(1, 0, 2)
-    is_after_gap = missing(t, config.control_period) > STAMP_LIMITS.max_bridged_samples
-    gaps = np.flatnonzero(is_after_gap) + 1
-    q = unwrapped_beside(t, q, dq, q_d, continuous, gaps.tolist())
+    tracking = signals[_TRACKING]
+    if any(continuous) and len(tracking.stamps):
+        q = unwrapped(t, q, dq, continuous)
+        q = _follow_controller(states.stamps, q, tracking, continuous)
+    else:
+        is_after_gap = missing(t, config.control_period) > STAMP_LIMITS.max_bridged_samples
+        gaps = np.flatnonzero(is_after_gap) + 1
+        q = unwrapped_beside(t, q, dq, q_d, continuous, gaps.tolist())
     commands = signals[topics.COMMANDS]
     published = published_terms(signals[_TORQUES], signals[_FILTER], start)
     tau = answers_to_states(commands, published, states, t)
@@ -166,7 +171,7 @@ def _read_run(bag: Bag, replacements: Mapping[str, object]) -> Result:
         commands=torque,
         replay=replay,
         topics=_source_topics(law_terms.origin, len(commands.logged) > 0),
-        off_reference=_find_off_reference(signals[_TRACKING], reference, period))
+        off_reference=_find_off_reference(tracking, reference, period))
 
 
 def _read_configs(
@@ -201,13 +206,13 @@ def _read_signals(bag: Bag, joints: tuple[str, ...]) -> dict[str, Signal]:
     Messages with values that are not finite are left out.
     """
     terms = [f'{joint}/{term}' for term in (*PARTS, 'commanded') for joint in joints]
-    desired = tuple(f'{joint}/desired' for joint in joints)
+    tracked = [f'{joint}/{term}' for term in ('desired', 'error') for joint in joints]
     columns = {
         topics.JOINT_STATES: (JOINT_STATE, ('position', 'velocity'), joints),
         topics.COMMANDS: (MULTI_ARRAY, ('data',), joints),
         _TORQUES: (JOINT_STATE, ('effort',), (*terms, 'V')),
         _FILTER: (JOINT_STATE, ('velocity',), joints),
-        _TRACKING: (JOINT_STATE, ('position',), desired)}
+        _TRACKING: (JOINT_STATE, ('position',), tuple(tracked))}
     signals = {}
     for name, (message_type, fields, names) in columns.items():
         connections = tuple(x for x in bag.named(name) if x.msgtype == message_type)
@@ -226,6 +231,26 @@ def _order(bag: Bag, states: Signal, since: int, period: int) -> Signal:
     name = f'{bag.path}: {topics.JOINT_STATES}'
     t = (states.stamps - since) / NANOSECONDS
     return states.select(order_states(name, t, *states.values, period=seconds(period)))
+
+
+def _follow_controller(
+        stamps: Instants,
+        q: Array,
+        tracking: Signal,
+        continuous: Sequence[bool]) -> Array:
+    """
+    Return positions with the turns that the controller counted.
+
+    It counts them anew after an outage, and says so by its desired position and error. Before and
+    after the outage, the nearest of its samples counts.
+    """
+    tracking = tracking.select(np.argsort(tracking.stamps, kind='stable'))
+    desired, error = np.hsplit(tracking.values[0], 2)
+    sample = np.searchsorted(stamps, tracking.stamps).clip(max=len(stamps) - 1)
+    turns = np.rint((desired - error - q[sample]) / TURN)
+    middle = (tracking.stamps[1:] + tracking.stamps[:-1]) // 2
+    nearest = np.searchsorted(middle, stamps)
+    return q + TURN * np.where(continuous, turns[nearest], 0.0)
 
 
 def _desired_ahead(
@@ -253,7 +278,8 @@ def _find_off_reference(
     position, velocity, acceleration = reference.at(tracking.stamps).transpose(1, 0, 2)
     h = seconds(period)
     allowed = h * (np.abs(velocity) + h * np.abs(acceleration)) + ROUNDING
-    difference = np.abs(tracking.values[0] - position)
+    desired = tracking.values[0][:, :position.shape[1]]
+    difference = np.abs(desired - position)
     is_off = (difference > allowed).any(axis=1)
     if not is_off.any():
         return None

@@ -78,6 +78,14 @@ class DesiredMotion(Trajectory):
         """Return whether `t` [ns] ends a pause of the torques."""
         return self._driven is not None and t - self._driven > PAUSE
 
+    def anchor_point(self, t: int) -> Point | None:
+        """Return the point at `t` [ns] beside which turns are counted, if it is known."""
+        way_back = self.way_back
+        begins = self.resumes(t) and self.restart_duration > 0.0
+        if way_back is None or begins or t >= way_back.end:
+            return self.at(t)
+        return way_back.at(t)
+
     def desired(self, t: int, q: Vector, dq: Vector, wait: bool) -> list[Point] | None:
         """
         Return the desired points at `t` and over the delay.
