@@ -105,8 +105,8 @@ def find_bags(directory: Path) -> list[Path]:
     A bag itself, or a file, has none below it. Damaged bags that `ctc repair` has kept are left
     out.
     """
-    bags = {x.parent for x in directory.rglob('*')
-            if x.name.endswith(_FILE_ENDINGS) and x.is_file()}
+    files = [x for x in directory.rglob('*') if x.name.endswith(_FILE_ENDINGS)]
+    bags = {x.parent for x in files if x.is_file()}
     if directory in bags:
         return []
     return sorted(x for x in bags if x.suffix != '.damaged')
@@ -125,7 +125,8 @@ def _read_run(bag: Bag, replacements: Mapping[str, object]) -> Result:
     states = states.select(states.stamps >= start)
     if not len(reference.t) or not len(states.stamps):
         raise CtcError(f'{bag.path}: no {topics.REFERENCE} for the states')
-    history = _select_in_force(history, int(states.stamps[0]), int(states.stamps[-1]))
+    first, last = states.stamps[[0, -1]].tolist()
+    history = _select_in_force(history, first, last)
     configs = [(seconds(instant - start), x) for instant, x in history]
     config = configs[0][1]
     description = bag.description()
@@ -147,7 +148,15 @@ def _read_run(bag: Bag, replacements: Mapping[str, object]) -> Result:
     commands = signals[topics.COMMANDS]
     published = published_terms(signals[_TORQUES], signals[_FILTER], start)
     tau = answers_to_states(commands, published, states, t)
-    run = Run(t, q, dq, q_d, dq_d, ddq_d, tau, v=np.full_like(q, np.nan))
+    run = Run(
+        t,
+        q,
+        dq,
+        q_d,
+        dq_d,
+        ddq_d,
+        tau,
+        v=np.full_like(q, np.nan))
 
     torque = None
     replay = Replay(ReplayVerdict.NOT_ONE_TO_ONE)
@@ -158,8 +167,10 @@ def _read_run(bag: Bag, replacements: Mapping[str, object]) -> Result:
     else:
         torque = received_torques(commands, published, states, start)
     law_terms = law_terms or published
-    run = dataclasses.replace(run, v=rows_at(t, law_terms.t, law_terms.v))
-    plants = bag.parameters('plant', PlantConfig, {'friction_model': '', **replacements})
+    v = rows_at(t, law_terms.t, law_terms.v)
+    run = dataclasses.replace(run, v=v)
+    own_classes = {'friction_model': '', **replacements}
+    plants = bag.parameters('plant', PlantConfig, own_classes)
     experiment = plants[0][1].experiment if plants else ''
     return Result(
         experiment or bag.path.name,
@@ -247,10 +258,13 @@ def _follow_controller(
     tracking = tracking.select(np.argsort(tracking.stamps, kind='stable'))
     desired, error = np.hsplit(tracking.values[0], 2)
     sample = np.searchsorted(stamps, tracking.stamps).clip(max=len(stamps) - 1)
-    turns = np.rint((desired - error - q[sample]) / TURN)
+    measured = desired - error
+    turns = np.rint((measured - q[sample]) / TURN)
+    turns[:, np.invert(continuous)] = 0.0
     middle = (tracking.stamps[1:] + tracking.stamps[:-1]) // 2
     nearest = np.searchsorted(middle, stamps)
-    return q + TURN * np.where(continuous, turns[nearest], 0.0)
+    positions: Array = q + TURN * turns[nearest]
+    return positions
 
 
 def _desired_ahead(
@@ -259,9 +273,10 @@ def _desired_ahead(
         period: int,
         delay: int) -> Array:
     """Return the points at the samples of the delay, shape (N, delay, 3, n)."""
-    instants = stamps[:, np.newaxis] + period * np.arange(1 + delay)
+    ahead = period * np.arange(1, 1 + delay)
+    instants = stamps[:, np.newaxis] + ahead
     points = reference.at(instants.ravel())
-    return points.reshape(*instants.shape, 3, -1)[:, 1:]
+    return points.reshape(*instants.shape, 3, points.shape[-1])
 
 
 def _find_off_reference(
@@ -277,7 +292,8 @@ def _find_off_reference(
     tracking = tracking.select(tracking.stamps >= reference.start)
     position, velocity, acceleration = reference.at(tracking.stamps).transpose(1, 0, 2)
     h = seconds(period)
-    allowed = h * (np.abs(velocity) + h * np.abs(acceleration)) + ROUNDING
+    fastest = np.abs(velocity) + h * np.abs(acceleration)
+    allowed = h * fastest + ROUNDING
     desired = tracking.values[0][:, :position.shape[1]]
     difference = np.abs(desired - position)
     is_off = (difference > allowed).any(axis=1)

@@ -42,14 +42,13 @@ from rosbags.interfaces import Connection
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 MULTI_ARRAY = 'std_msgs/msg/Float64MultiArray'
 Instants = npt.NDArray[np.int64]
-#: Log time [ns] and data.
-_Serialized = tuple[int, bytes]
+#: Type, log time [ns] and data.
+_Serialized = tuple[str, int, bytes]
 #: Messages that are read at once, which limits the memory.
 _BLOCK_MESSAGES = 10_000
-#: Bytes of the stamp's seconds in a message that begins with a header.
-_SECONDS = slice(4, 8)
-#: Bytes of its nanoseconds.
-_NANOSECONDS = slice(8, 12)
+#: Bytes of the stamp in a message that begins with a header.
+_STAMP = slice(4, 12)
+_STAMP_TYPE = np.dtype([('sec', '<i4'), ('nanosec', '<u4')])
 #: Fields that have joint names, as messages call them.
 _NAME_FIELDS = ('name', 'names', 'joint_names', 'dof_names')
 
@@ -82,7 +81,7 @@ class Signal(NamedTuple):
         """Return the messages in which all values are finite."""
         values = np.hstack(self.values)
         is_finite = np.asarray(np.isfinite(values).all(axis=1))
-        return self if is_finite.all() else self.select(is_finite)
+        return self.select(is_finite)
 
 
 class SignalLayout(NamedTuple):
@@ -143,7 +142,7 @@ class SignalTopic(NamedTuple):
 
         Messages without one of them, or with one twice, are left out.
         """
-        messages = ((t, data) for _, t, data in self.bag.read_serialized(self.connections))
+        messages = self.bag.read_serialized(self.connections)
         blocks = [self._read_each([], joints)]
         while block := list(islice(messages, _BLOCK_MESSAGES)):
             blocks.append(self._read_alike(block, joints) or self._read_each(block, joints))
@@ -159,33 +158,34 @@ class SignalTopic(NamedTuple):
 
         Decoded numbers are views of the data. So those of all messages lie at equal distances.
         """
-        times, contents = zip(*block)
+        _, times, contents = zip(*block)
         size = len(contents[0])
         if any(len(x) != size for x in contents):
             return None
-        rows = np.frombuffer(bytearray().join(contents), np.uint8).reshape(-1, size)
+        joined = bytearray().join(contents)
+        rows = np.frombuffer(joined, np.uint8).reshape(-1, size)
         message = self.bag.decode(memoryview(rows[0]), self.message_type)
         numbers = {}
         fields = list(getattr(message, '__dataclass_fields__', ()))
         for field in (*self.fields, *fields):
             value = _value(message, field)
-            if getattr(value, 'dtype', None) == np.float64 and np.may_share_memory(value, rows):
+            is_double = getattr(value, 'dtype', None) == np.float64
+            if is_double and np.may_share_memory(value, rows):
                 numbers[field] = as_strided(
                     value,
                     (len(rows), len(value)),
                     (size, value.itemsize))
         names = _joint_names(message, self.fields[0]) or joints
         indices = _find_columns(names, joints)
-        widths = {numbers[x].shape[1] if x in numbers else 0 for x in self.fields}
-        if not len(indices) or widths != {len(names)} or 'header' in fields[1:]:
+        has_all = all(x in numbers and numbers[x].shape[1] == len(names) for x in self.fields)
+        if not len(indices) or not has_all or 'header' in fields[1:]:
             return None
         values = tuple(numbers[x][:, indices] for x in self.fields)
         stamps = np.zeros(len(rows), np.int64)
         if fields[:1] == ['header']:
-            sec = rows[:, _SECONDS].copy().view('<i4').astype(np.int64)
-            nanosec = rows[:, _NANOSECONDS].copy().view('<u4')
-            stamps = (sec * NANOSECONDS + nanosec)[:, 0]
-            rows[:, _SECONDS] = rows[:, _NANOSECONDS] = 0
+            stamp = rows[:, _STAMP].copy().view(_STAMP_TYPE)[:, 0]
+            stamps = NANOSECONDS * stamp['sec'].astype(np.int64) + stamp['nanosec']
+            rows[:, _STAMP] = 0
         for views in numbers.values():
             views[...] = 0.0
         if (rows != rows[0]).any():
@@ -197,7 +197,7 @@ class SignalTopic(NamedTuple):
         logged, stamps = array('q'), array('q')
         columns = [array('d') for _ in self.fields]
         missing = [np.nan] * len(joints)
-        for t, data in block:
+        for _, t, data in block:
             message = self.bag.decode(data, self.message_type)
             names = _joint_names(message, self.fields[0]) or joints
             indices = _find_columns(names, joints)
@@ -205,15 +205,13 @@ class SignalTopic(NamedTuple):
             if rows[0] is None or not len(indices):
                 continue
             for column, row in zip(columns, rows):
-                if row is None or len(row) != len(names):
-                    column.extend(missing)
-                else:
-                    column.frombytes(row[indices].tobytes())
+                is_missing = row is None or len(row) != len(names)
+                column.extend(missing if is_missing else row[indices])  # type: ignore[index]
             stamp = _value(message, 'header.stamp')
             stamps.append(nanoseconds(stamp) if stamp else 0)
             logged.append(t)
-        return Signal(np.array(logged), np.array(stamps), tuple(
-            np.frombuffer(x).reshape(-1, len(joints)) for x in columns))
+        values = tuple(np.frombuffer(x).reshape(-1, len(joints)) for x in columns)
+        return Signal(np.array(logged), np.array(stamps), values)
 
 
 @cache

@@ -82,7 +82,7 @@ def test_messages_alike_are_read_at_once_to_the_last_bit(tmp_path: Path) -> None
         with closing(open_bag(path)) as bag:
             topic = SignalTopic(bag, 'joint_states', JOINT_STATE, ('position', 'velocity'),
                                 tuple(bag.connections))
-            contents = [(t, data) for _, t, data in bag.read_serialized(bag.connections)]
+            contents = list(bag.read_serialized(bag.connections))
             at_once[case] = topic._read_alike(contents, JOINTS)
             one_by_one = topic._read_each(contents, JOINTS)
             np.testing.assert_equal(topic.read(JOINTS), one_by_one)
