@@ -165,16 +165,8 @@ class SignalTopic(NamedTuple):
         joined = bytearray().join(contents)
         rows = np.frombuffer(joined, np.uint8).reshape(-1, size)
         message = self.bag.decode(memoryview(rows[0]), self.message_type)
-        numbers = {}
         fields = list(getattr(message, '__dataclass_fields__', ()))
-        for field in (*self.fields, *fields):
-            value = _value(message, field)
-            is_double = getattr(value, 'dtype', None) == np.float64
-            if is_double and np.may_share_memory(value, rows):
-                numbers[field] = as_strided(
-                    value,
-                    (len(rows), len(value)),
-                    (size, value.itemsize))
+        numbers = _find_numbers(message, (*self.fields, *fields), rows)
         names = _joint_names(message, self.fields[0]) or joints
         indices = _find_columns(names, joints)
         has_all = all(x in numbers and numbers[x].shape[1] == len(names) for x in self.fields)
@@ -205,13 +197,42 @@ class SignalTopic(NamedTuple):
             if rows[0] is None or not len(indices):
                 continue
             for column, row in zip(columns, rows):
-                is_missing = row is None or len(row) != len(names)
-                column.extend(missing if is_missing else row[indices])  # type: ignore[index]
+                if row is None or len(row) != len(names):
+                    column.extend(missing)
+                else:
+                    column.frombytes(row[indices].tobytes())
             stamp = _value(message, 'header.stamp')
             stamps.append(nanoseconds(stamp) if stamp else 0)
             logged.append(t)
         values = tuple(np.frombuffer(x).reshape(-1, len(joints)) for x in columns)
         return Signal(np.array(logged), np.array(stamps), values)
+
+
+def _find_numbers(message: Any, fields: Sequence[str], rows: npt.NDArray[np.uint8]
+                  ) -> dict[str, Array]:
+    """
+    Return views of the numbers in messages alike, by field.
+
+    Parameters
+    ----------
+    message : object
+        The first message, decoded from the first row.
+    fields : sequence of str
+        Fields to look at. Those without such numbers are left out.
+    rows : ndarray, shape (N, L)
+        Data of the messages.
+
+    """
+    numbers = {}
+    for field in fields:
+        value = _value(message, field)
+        is_double = getattr(value, 'dtype', None) == np.float64
+        if is_double and np.may_share_memory(value, rows):
+            numbers[field] = as_strided(
+                value,
+                (len(rows), len(value)),
+                (rows.shape[1], value.itemsize))
+    return numbers
 
 
 @cache
