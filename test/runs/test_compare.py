@@ -242,8 +242,9 @@ def test_held_out_conditions_have_the_gains_of_the_rule_there(arm: Path) -> None
     assert [x['reason'] for x in mine] == ['', 'the motion diverged', '']
     own = [x for x in seen if x.controller.law == 'integral']
     for outcome, setup in zip(mine, own, strict=True):
-        rule, made = gains_by_rule(setup), json.loads(outcome['controller'])
-        assert {name: made[name] for name in rule} == rule
+        rule = json.loads(json.dumps(gains_by_rule(setup)))
+        controller = json.loads(outcome['controller'])
+        assert {name: controller[name] for name in rule} == rule
     text = compare_page.to_markdown(found)
     (row,) = [cells(x) for x in text.splitlines() if '2 of 3' in x]
     assert row[:5] == ['integral', '', RECOMMENDED, '2 of 3', 'lost']
