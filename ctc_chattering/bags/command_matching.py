@@ -142,7 +142,8 @@ def match_commands(values: Array, times: Indices, stamps: Indices, received: Ind
 
     """
     numbers = _number_states(stamps)
-    return _place(_match(values, times, stamps, received, numbers), numbers)
+    matches = _match(values, times, stamps, received, numbers)
+    return _place(matches, numbers)
 
 
 def _number_states(stamps: Indices) -> Indices:
@@ -192,10 +193,9 @@ def _match(
             return _Matches(values, numbers)
     sample_count = numbers[-1] + 1
     # The time of each command, in numbers of states.
-    heard = np.interp(
-        sent,
-        np.r_[-wall_period, arrival, end + wall_period],
-        np.r_[-1, numbers, sample_count])
+    instants = np.r_[-wall_period, arrival, end + wall_period]
+    counted = np.r_[-1, numbers, sample_count]
+    heard = np.interp(sent, instants, counted)
     usual_phase = _usual_phase(heard)
     phase = 0.5 if usual_phase is None else usual_phase
     answered = heard - phase
@@ -213,10 +213,11 @@ def _match(
     if abs(excess) >= limits.count_tolerance:
         return _Matches(values, state, doubtful)
     missing = _smooth(state - count)
+    counted_state = count + missing
     if usual_phase is not None and not np.ptp(missing):  # No command is missing.
-        contradicting = (state != count + missing).mean()
+        contradicting = (state != counted_state).mean()
         doubtful = float(contradicting > limits.max_contradicting_fraction)
-    return _Matches(values, count + missing, doubtful)
+    return _Matches(values, counted_state, doubtful)
 
 
 def _usual_phase(heard: Array) -> float | None:
@@ -282,7 +283,8 @@ def _place(matches: _Matches, numbers: Indices) -> Answers:
     """Return each state's mean command, or the last before."""
     limits = MATCHING_LIMITS
     states = len(numbers)
-    row = np.searchsorted(numbers, matches.state).clip(0, states - 1)
+    row = np.searchsorted(numbers, matches.state)
+    row = row.clip(0, states - 1)
     is_recorded = numbers[row] == matches.state
     row = row[is_recorded]
     count = np.bincount(row, minlength=states)

@@ -124,12 +124,15 @@ def answers_to_states(
         commands.logged,
         states.stamps,
         states.logged)
-    is_certain = answers.is_own & (answers.late[1] == 0.0)
-    tau = np.where(is_certain[:, np.newaxis], answers.command, np.nan)
+    is_sure = answers.late[1] == 0.0
+    is_certain = answers.is_own & is_sure
+    tau = answers.command
+    tau[~is_certain] = np.nan
     stamped = rows_at(t, published.t, published.tau)
     is_stamped = np.isfinite(stamped).all(axis=1)
     difference = np.abs(tau - stamped)
-    differs = (difference[is_stamped] > 0.0).any(axis=1)
+    is_other = difference[is_stamped] > 0.0
+    differs = is_other.any(axis=1)
     next_stamped = np.cumsum(is_stamped) - is_stamped
     # Of the stamped torques before and after each state.
     is_doubtful = np.append(differs, False)[next_stamped]
@@ -155,7 +158,8 @@ def received_torques(commands: Signal, published: RunTerms, states: Signal, star
     if not len(commands.logged):
         is_known = np.isfinite(published.tau).all(axis=1)
         t = published.t[is_known]
-        return Series(t, published.tau[is_known], _origin(t))
+        tau = published.tau[is_known]
+        return Series(t, tau, _origin(t))
     t = _reception_times(commands.logged, states, start)
     begin = (states.stamps[0] - start) / NANOSECONDS
     order = np.argsort(t, kind='stable')

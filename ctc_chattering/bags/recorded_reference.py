@@ -85,8 +85,10 @@ class RecordedReference(NamedTuple):
             first = first[rows]
             second = second[rows]
             begin = self.t[first]
-            span: Any = (self.t[second] - begin)[:, np.newaxis] / NANOSECONDS
-            since = (instants[rows] - begin)[:, np.newaxis] / NANOSECONDS
+            duration = self.t[second] - begin
+            elapsed = instants[rows] - begin
+            span: Any = duration[:, np.newaxis] / NANOSECONDS
+            since = elapsed[:, np.newaxis] / NANOSECONDS
             motion = quintic(
                 since / span,
                 span,
@@ -111,7 +113,8 @@ def read_reference(bag: Bag, joints: tuple[str, ...]) -> RecordedReference:
             t, points = _read_chunk(message, joints)
         except CtcError:
             continue
-        if not len(t) or (np.diff(t) <= 0).any():
+        step = np.diff(t)
+        if not len(t) or (step <= 0).any():
             continue
         start = start if chunks else int(t[0])
         _extend(chunks, t, points)

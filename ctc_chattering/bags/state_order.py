@@ -88,12 +88,14 @@ def order_states(name: str, t: Array, *contents: Array, period: float | None = N
 
     """
     order: Indices = np.argsort(t, kind='stable')
-    repeats = np.diff(t[order]) == 0.0
+    stamps = t[order]
+    repeats = np.diff(stamps) == 0.0
     for values in contents:
         for column in values.T:  # Column by column, for long series.
             ordered = column[order]
             repeats &= ordered[1:] == ordered[:-1]
-    order = order[np.append(True, ~repeats)]
+    is_new = np.append(True, ~repeats)
+    order = order[is_new]
     usual_step = period or _median_step(t[order])
     distinct = np.unique(t)
     isolated = distinct[find_isolated(distinct, usual_step)]
