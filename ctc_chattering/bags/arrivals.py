@@ -51,7 +51,8 @@ class LogTime:
         """Take the stamp of a message of `topic` [ns]."""
         last = self._last.get(topic, stamp + 1)
         is_jump = abs(stamp - self.now) > _MAX_SKEW
-        if not self._last or (is_jump and 0 <= stamp - last <= _MAX_SKEW):
+        follows = 0 <= stamp - last <= _MAX_SKEW
+        if not self._last or (is_jump and follows):
             self.now = stamp
         elif not is_jump:
             self.now = max(self.now, stamp)
@@ -82,9 +83,10 @@ class SequenceTracker:
             missing, and a number never seen may be a new publisher's. Then 0 is returned.
 
         """
-        expected = number if number in self._next else None
-        if expected is None and publishers() == 1:
-            expected = max((x for x in self._next if x < number), default=None)
-        self._next.discard(expected or 0)
+        expected = number
+        if number not in self._next and publishers() == 1:
+            earlier = (x for x in self._next if x < number)
+            expected = max(earlier, default=number)
+        self._next.discard(expected)
         self._next.add(number + 1)
-        return 0 if expected is None else number - expected
+        return number - expected

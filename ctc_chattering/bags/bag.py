@@ -143,7 +143,7 @@ class Bag:
             leave=False)
         try:
             for connection, t, data in progress:
-                is_packed = is_cdr(connection) and data.startswith(ZSTD)
+                is_packed = data.startswith(ZSTD) and is_cdr(connection)
                 yield connection, t, unpack(data, 'zstd') if is_packed else data
         except Exception as error:  # Damaged files may raise any exception.
             raise damaged(self.path, error) from None
@@ -184,9 +184,19 @@ class Bag:
 
     def read(self, connections: Collection[Connection]) -> Iterator[tuple[int, Any]]:
         """
-        Yield log time [ns] and message of topics.
+        Yield log time [ns] and message of topics, as `read_serialized`.
 
         Messages that cannot be decoded are left out.
+        """
+        for message_type, t, data in self.read_serialized(connections):
+            message = self.decode(data, message_type)
+            if message is not None:
+                yield t, message
+
+    def read_serialized(self, connections: Collection[Connection]
+                        ) -> Iterator[tuple[str, int, bytes]]:
+        """
+        Yield type, log time [ns] and data of each message.
 
         Topics that are not CDR are left out.
 
@@ -207,11 +217,14 @@ class Bag:
                     f'{self.path}: the bag has no definition of {x.msgtype}, which {x.topic} is '
                     'of: record with --storage mcap, or convert it where that is installed')
         for x, t, data in self.messages(readable) if readable else ():
-            try:
-                message = self._types.deserialize_cdr(data, x.msgtype)
-            except Exception:  # Of arbitrary bytes, decoders raise arbitrary exceptions.
-                continue
-            yield t, message
+            yield x.msgtype, t, data
+
+    def decode(self, data: Any, message_type: str) -> Any:
+        """Return the message in serialized data, or None."""
+        try:
+            return self._types.deserialize_cdr(data, message_type)
+        except Exception:  # Of arbitrary bytes, decoders raise arbitrary exceptions.
+            return None
 
     def parameters(
             self,

@@ -121,8 +121,9 @@ def count_dropped(bag: Path, topics: Sequence[str]) -> int:
     """Return how many messages on topics our recorder lost."""
     try:
         notes = read_metadata(bag).get('custom_data') or {}
-        counts = dict(literal_eval(notes.get('dropped', '{}')))
-        return sum(int(n) for name, n in counts.items() if name.endswith(tuple(topics)))
+        counts = literal_eval(notes.get('dropped', '{}'))
+        names = [x for x in counts if x.endswith(tuple(topics))]
+        return sum(int(counts[x]) for x in names)
     except Exception:  # Without metadata, or of another recorder.
         return 0
 
@@ -139,7 +140,8 @@ def find_recording(folder: Path) -> tuple[Path, ...]:
         If there is no file.
 
     """
-    files = [x for x in folder.iterdir() if x.is_file() and storage_of(x) in (*ENDINGS, '.bag')]
+    endings = (*ENDINGS, '.bag')
+    files = [x for x in folder.iterdir() if x.is_file() and storage_of(x) in endings]
     if not files:
         raise CtcError(f'no {METADATA} in it, and no file {" or ".join(ENDINGS)}')
     if len(files) == 1:
@@ -152,8 +154,8 @@ def find_recording(folder: Path) -> tuple[Path, ...]:
             numbered[int(match[2])] = file
             series.add((match[1], storage_of(file)))
     first = min(numbered, default=0)
-    is_complete = numbered.keys() == set(range(first, first + len(files)))
-    if len(series) != 1 or not is_complete:
+    expected = range(first, first + len(files))
+    if len(series) != 1 or numbered.keys() != set(expected):
         raise several_recordings(folder, sorted(files))
     return tuple(numbered[k] for k in sorted(numbered))
 

@@ -142,7 +142,8 @@ def match_commands(values: Array, times: Indices, stamps: Indices, received: Ind
 
     """
     numbers = _number_states(stamps)
-    return _place(_match(values, times, stamps, received, numbers), numbers)
+    matches = _match(values, times, stamps, received, numbers)
+    return _place(matches, numbers)
 
 
 def _number_states(stamps: Indices) -> Indices:
@@ -150,8 +151,10 @@ def _number_states(stamps: Indices) -> Indices:
     step = np.diff(stamps)
     positive = step[step > 0]
     period = float(np.median(positive)) if len(positive) else 1.0
-    counts = np.maximum(np.rint(step / period), 1.0)
-    return np.append(0, np.cumsum(counts)).astype(int)
+    counts = np.rint(step / period)
+    counts = np.maximum(counts, 1.0)
+    numbers = np.append(0, np.cumsum(counts))
+    return numbers.astype(int)
 
 
 def _match(
@@ -163,50 +166,58 @@ def _match(
     """Match commands by their times, or else their count."""
     limits = MATCHING_LIMITS
     arrival = np.maximum.accumulate(received - received[0])
-    wall_step = np.diff(arrival, append=arrival[-1] + 1)
+    end = arrival[-1]
+    wall_step = np.diff(arrival, append=end + 1)
     wall_period = max(float(np.median(wall_step)), 1.0)
     order = np.argsort(times, kind='stable')
     sent = times[order] - received[0]
     is_during = sent > -0.5 * wall_period
-    is_during &= sent < arrival[-1] + 2.0 * wall_period
-    values = values[order[is_during]]
+    is_during &= sent < end + 2.0 * wall_period
+    order = order[is_during]
+    values = values[order]
     sent = sent[is_during]
     is_own_recorder = np.array_equal(received, stamps)  # It logs by stamps.
-    if is_own_recorder and len(sent) > len(arrival):
+    surplus = len(sent) - len(arrival)
+    if is_own_recorder and surplus > 0:
         is_equal = (values[1:] == values[:-1]).all(axis=1)
-        repeats = np.append(False, is_equal)
-        if len(sent) - len(arrival) == repeats.sum():  # The answers that lockstep repeats.
-            values = values[~repeats]
-            sent = sent[~repeats]
+        is_single = np.append(True, ~is_equal)
+        if surplus == len(sent) - is_single.sum():  # The answers that lockstep repeats.
+            values = values[is_single]
+            sent = sent[is_single]
     count = np.arange(len(sent))
-    if is_own_recorder and len(sent) == len(arrival):
+    surplus = len(sent) - len(arrival)
+    if is_own_recorder and not surplus:
         last_state = np.searchsorted(arrival, sent, side='right') - 1
-        if np.abs(last_state - count).max() <= limits.log_offset_states:
+        offset = np.abs(last_state - count)
+        if offset.max() <= limits.log_offset_states:
             return _Matches(values, numbers)
+    sample_count = numbers[-1] + 1
     # The time of each command, in numbers of states.
-    heard = np.interp(
-        sent,
-        np.r_[-wall_period, arrival, arrival[-1] + wall_period],
-        np.r_[-1, numbers, numbers[-1] + 1])
+    instants = np.r_[-wall_period, arrival, end + wall_period]
+    counted = np.r_[-1, numbers, sample_count]
+    heard = np.interp(sent, instants, counted)
     usual_phase = _usual_phase(heard)
     phase = 0.5 if usual_phase is None else usual_phase
-    state = np.floor(heard - phase + 0.5)
-    distance = np.abs(heard - phase - state)
+    answered = heard - phase
+    state = np.floor(answered + 0.5)
+    distance = np.abs(answered - state)
     is_doubtful = distance > limits.sure_distance_periods
-    is_doubtful |= np.diff(state, prepend=-np.inf) < 1.0
+    step = np.diff(state, prepend=-np.inf)
+    is_doubtful |= step < 1.0
     doubtful = 1.0 if usual_phase is None else float(is_doubtful.mean())
     if doubtful <= limits.negligible_fraction:
         return _Matches(values, state)
-    sample_count = numbers[-1] + 1
     if is_own_recorder and 0 < len(sent) <= sample_count:
         return _match_batches(values, sent, arrival, numbers)
-    if abs(len(sent) / sample_count - 1.0) >= limits.count_tolerance:
+    excess = len(sent) / sample_count - 1.0
+    if abs(excess) >= limits.count_tolerance:
         return _Matches(values, state, doubtful)
     missing = _smooth(state - count)
+    counted_state = count + missing
     if usual_phase is not None and not np.ptp(missing):  # No command is missing.
-        contradicting = (state != count + missing).mean()
+        contradicting = (state != counted_state).mean()
         doubtful = float(contradicting > limits.max_contradicting_fraction)
-    return _Matches(values, count + missing, doubtful)
+    return _Matches(values, counted_state, doubtful)
 
 
 def _usual_phase(heard: Array) -> float | None:
@@ -216,12 +227,14 @@ def _usual_phase(heard: Array) -> float | None:
     It is None where commands have no usual delay.
     """
     directions = np.exp(2j * np.pi * heard)
-    mean = complex(directions.sum()) / max(len(heard), 1)
+    total = complex(directions.sum())
+    mean = total / max(len(heard), 1)
     if abs(mean) <= MATCHING_LIMITS.min_direction_length:
         return None
-    phase = np.angle(mean) / (2.0 * np.pi)
     lead = MATCHING_LIMITS.max_lead_periods
-    return float((phase + lead) % 1.0 - lead)
+    phase = np.angle(mean) / (2.0 * np.pi)
+    delay = (phase + lead) % 1.0 - lead
+    return float(delay)
 
 
 def _smooth(excess: Array) -> Array:
@@ -229,7 +242,10 @@ def _smooth(excess: Array) -> Array:
     window = MATCHING_LIMITS.counting_window
     first = np.median(excess[:window])
     last = np.median(excess[-window:])
-    padded = np.pad(excess, window, constant_values=(first, last))
+    padded = np.pad(
+        excess,
+        window,
+        constant_values=(first, last))
     smooth: Array = median_filter(padded, 2 * window + 1)
     return smooth[window:-window]
 
@@ -244,8 +260,8 @@ def _match_batches(values: Array, sent: Indices, arrival: Indices, numbers: Indi
     """
     count = np.arange(len(sent))
     next_state = np.searchsorted(arrival, sent, side='right')
-    next_number = np.append(numbers, numbers[-1] + 1)[next_state]
-    excess = next_number - 1 - count
+    following = np.append(numbers, numbers[-1] + 1)
+    excess = following[next_state] - 1 - count
     window = MATCHING_LIMITS.counting_window
     first = int(np.median(excess[:window]))
     last = int(np.median(excess[-window:]))
@@ -253,27 +269,35 @@ def _match_batches(values: Array, sent: Indices, arrival: Indices, numbers: Indi
         return _Matches(values, count + first)
     missing = np.minimum.accumulate(excess[::-1])[::-1]
     is_exact = excess == missing
-    is_step = np.append(False, np.diff(missing) > 0)
+    step = np.diff(missing, prepend=missing[0])
+    is_step = step > 0
     # A doubt begins with a step and ends where the time leaves no choice.
     batch = np.cumsum(np.append(False, is_exact[:-1]))
-    is_certain = is_exact | ~np.isin(batch, batch[is_step])
-    return _Matches(values[is_certain], (count + missing)[is_certain])
+    is_in_doubt = np.isin(batch, batch[is_step])
+    is_certain = is_exact | ~is_in_doubt
+    state = count + missing
+    return _Matches(values[is_certain], state[is_certain])
 
 
 def _place(matches: _Matches, numbers: Indices) -> Answers:
     """Return each state's mean command, or the last before."""
     limits = MATCHING_LIMITS
     states = len(numbers)
-    row = np.searchsorted(numbers, matches.state).clip(0, states - 1)
+    row = np.searchsorted(numbers, matches.state)
+    row = row.clip(0, states - 1)
     is_recorded = numbers[row] == matches.state
     row = row[is_recorded]
     count = np.bincount(row, minlength=states)
+    divisor = np.maximum(count, 1)
     is_answered = count > 0
-    last = np.maximum.accumulate(np.where(is_answered, np.arange(states), -1))
+    answered = np.where(is_answered, np.arange(states), -1)
+    last = np.maximum.accumulate(answered)
     has_command = last >= 0
     age = numbers - numbers[last]
     usual_age = float(np.percentile(age[has_command], 90.0)) if is_answered.any() else 0.0
-    oldest = min(limits.max_hold_periods, 2.0 * usual_age + limits.extra_hold_periods)
+    oldest = min(
+        limits.max_hold_periods,
+        2.0 * usual_age + limits.extra_hold_periods)
     is_known = has_command & (age <= oldest)
     command = np.zeros((states, matches.values.shape[1]))
     spread = np.zeros(states)
@@ -281,11 +305,14 @@ def _place(matches: _Matches, numbers: Indices) -> Answers:
     for mean, column in zip(command.T, matches.values.T):
         answers = column[is_recorded]
         np.add.at(mean, row, answers)
-        mean /= np.maximum(count, 1)
-        np.maximum.at(spread, row, np.abs(answers - mean[row]))
-        mean[:] = np.where(is_known, mean[last], np.nan)
+        mean /= divisor
+        difference = np.abs(answers - mean[row])
+        np.maximum.at(spread, row, difference)
+        mean[:] = mean[last]
+    command[~is_known] = np.nan
     mean_age = float(age[is_known].mean()) if is_known.any() else 0.0
     if mean_age <= limits.negligible_fraction:
         mean_age = 0.0
     late = (-matches.doubtful - mean_age, matches.doubtful)
-    return Answers(command, late, is_answered & (spread < limits.equal_nm))
+    is_single = spread < limits.equal_nm
+    return Answers(command, late, is_answered & is_single)

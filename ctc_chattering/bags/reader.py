@@ -48,7 +48,7 @@ from ctc_chattering.bags.state_order import order_states, STAMP_LIMITS
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import as_ctc_error, CtcError
-from ctc_chattering.numerics.angles import unwrapped_beside
+from ctc_chattering.numerics.angles import TURN, unwrapped, unwrapped_beside
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import missing, NANOSECONDS, period_ns, seconds
 from ctc_chattering.ros import topics
@@ -105,8 +105,8 @@ def find_bags(directory: Path) -> list[Path]:
     A bag itself, or a file, has none below it. Damaged bags that `ctc repair` has kept are left
     out.
     """
-    bags = {x.parent for x in directory.rglob('*')
-            if x.name.endswith(_FILE_ENDINGS) and x.is_file()}
+    files = [x for x in directory.rglob('*') if x.name.endswith(_FILE_ENDINGS)]
+    bags = {x.parent for x in files if x.is_file()}
     if directory in bags:
         return []
     return sorted(x for x in bags if x.suffix != '.damaged')
@@ -125,7 +125,8 @@ def _read_run(bag: Bag, replacements: Mapping[str, object]) -> Result:
     states = states.select(states.stamps >= start)
     if not len(reference.t) or not len(states.stamps):
         raise CtcError(f'{bag.path}: no {topics.REFERENCE} for the states')
-    history = _select_in_force(history, int(states.stamps[0]), int(states.stamps[-1]))
+    first, last = states.stamps[[0, -1]].tolist()
+    history = _select_in_force(history, first, last)
     configs = [(seconds(instant - start), x) for instant, x in history]
     config = configs[0][1]
     description = bag.description()
@@ -136,13 +137,26 @@ def _read_run(bag: Bag, replacements: Mapping[str, object]) -> Result:
     t = (states.stamps - start) / NANOSECONDS
     q, dq = states.values
     q_d, dq_d, ddq_d = reference.at(states.stamps).transpose(1, 0, 2)
-    is_after_gap = missing(t, config.control_period) > STAMP_LIMITS.max_bridged_samples
-    gaps = np.flatnonzero(is_after_gap) + 1
-    q = unwrapped_beside(t, q, dq, q_d, continuous, gaps.tolist())
+    tracking = signals[_TRACKING]
+    if any(continuous) and len(tracking.stamps):
+        q = unwrapped(t, q, dq, continuous)
+        q = _follow_controller(states.stamps, q, tracking, continuous)
+    else:
+        is_after_gap = missing(t, config.control_period) > STAMP_LIMITS.max_bridged_samples
+        gaps = np.flatnonzero(is_after_gap) + 1
+        q = unwrapped_beside(t, q, dq, q_d, continuous, gaps.tolist())
     commands = signals[topics.COMMANDS]
     published = published_terms(signals[_TORQUES], signals[_FILTER], start)
     tau = answers_to_states(commands, published, states, t)
-    run = Run(t, q, dq, q_d, dq_d, ddq_d, tau, v=np.full_like(q, np.nan))
+    run = Run(
+        t,
+        q,
+        dq,
+        q_d,
+        dq_d,
+        ddq_d,
+        tau,
+        v=np.full_like(q, np.nan))
 
     torque = None
     replay = Replay(ReplayVerdict.NOT_ONE_TO_ONE)
@@ -153,8 +167,10 @@ def _read_run(bag: Bag, replacements: Mapping[str, object]) -> Result:
     else:
         torque = received_torques(commands, published, states, start)
     law_terms = law_terms or published
-    run = dataclasses.replace(run, v=rows_at(t, law_terms.t, law_terms.v))
-    plants = bag.parameters('plant', PlantConfig, {'friction_model': '', **replacements})
+    v = rows_at(t, law_terms.t, law_terms.v)
+    run = dataclasses.replace(run, v=v)
+    own_classes = {'friction_model': '', **replacements}
+    plants = bag.parameters('plant', PlantConfig, own_classes)
     experiment = plants[0][1].experiment if plants else ''
     return Result(
         experiment or bag.path.name,
@@ -166,7 +182,7 @@ def _read_run(bag: Bag, replacements: Mapping[str, object]) -> Result:
         commands=torque,
         replay=replay,
         topics=_source_topics(law_terms.origin, len(commands.logged) > 0),
-        off_reference=_find_off_reference(signals[_TRACKING], reference, period))
+        off_reference=_find_off_reference(tracking, reference, period))
 
 
 def _read_configs(
@@ -201,13 +217,13 @@ def _read_signals(bag: Bag, joints: tuple[str, ...]) -> dict[str, Signal]:
     Messages with values that are not finite are left out.
     """
     terms = [f'{joint}/{term}' for term in (*PARTS, 'commanded') for joint in joints]
-    desired = tuple(f'{joint}/desired' for joint in joints)
+    tracked = [f'{joint}/{term}' for term in ('desired', 'error') for joint in joints]
     columns = {
         topics.JOINT_STATES: (JOINT_STATE, ('position', 'velocity'), joints),
         topics.COMMANDS: (MULTI_ARRAY, ('data',), joints),
         _TORQUES: (JOINT_STATE, ('effort',), (*terms, 'V')),
         _FILTER: (JOINT_STATE, ('velocity',), joints),
-        _TRACKING: (JOINT_STATE, ('position',), desired)}
+        _TRACKING: (JOINT_STATE, ('position',), tuple(tracked))}
     signals = {}
     for name, (message_type, fields, names) in columns.items():
         connections = tuple(x for x in bag.named(name) if x.msgtype == message_type)
@@ -228,15 +244,39 @@ def _order(bag: Bag, states: Signal, since: int, period: int) -> Signal:
     return states.select(order_states(name, t, *states.values, period=seconds(period)))
 
 
+def _follow_controller(
+        stamps: Instants,
+        q: Array,
+        tracking: Signal,
+        continuous: Sequence[bool]) -> Array:
+    """
+    Return positions with the turns that the controller counted.
+
+    It counts them anew after an outage, and says so by its desired position and error. Before and
+    after the outage, the nearest of its samples counts.
+    """
+    tracking = tracking.select(np.argsort(tracking.stamps, kind='stable'))
+    desired, error = np.hsplit(tracking.values[0], 2)
+    sample = np.searchsorted(stamps, tracking.stamps).clip(max=len(stamps) - 1)
+    measured = desired - error
+    turns = np.rint((measured - q[sample]) / TURN)
+    turns[:, np.invert(continuous)] = 0.0
+    middle = (tracking.stamps[1:] + tracking.stamps[:-1]) // 2
+    nearest = np.searchsorted(middle, stamps)
+    positions: Array = q + TURN * turns[nearest]
+    return positions
+
+
 def _desired_ahead(
         reference: RecordedReference,
         stamps: Instants,
         period: int,
         delay: int) -> Array:
     """Return the points at the samples of the delay, shape (N, delay, 3, n)."""
-    instants = stamps[:, np.newaxis] + period * np.arange(1 + delay)
+    ahead = period * np.arange(1, 1 + delay)
+    instants = stamps[:, np.newaxis] + ahead
     points = reference.at(instants.ravel())
-    return points.reshape(*instants.shape, 3, -1)[:, 1:]
+    return points.reshape(*instants.shape, 3, points.shape[-1])
 
 
 def _find_off_reference(
@@ -252,8 +292,10 @@ def _find_off_reference(
     tracking = tracking.select(tracking.stamps >= reference.start)
     position, velocity, acceleration = reference.at(tracking.stamps).transpose(1, 0, 2)
     h = seconds(period)
-    allowed = h * (np.abs(velocity) + h * np.abs(acceleration)) + ROUNDING
-    difference = np.abs(tracking.values[0] - position)
+    fastest = np.abs(velocity) + h * np.abs(acceleration)
+    allowed = h * fastest + ROUNDING
+    desired = tracking.values[0][:, :position.shape[1]]
+    difference = np.abs(desired - position)
     is_off = (difference > allowed).any(axis=1)
     if not is_off.any():
         return None

@@ -69,11 +69,8 @@ def published_terms(torques: Signal, filtered: Signal, start: int) -> RunTerms:
     stamps = stamps[stamps >= start]
     columns = rows_at(stamps, torques.stamps, torques.values[0])
     v = rows_at(stamps, filtered.stamps, filtered.values[0])
-    n = v.shape[1]
-    nominal, compensation, robust, tau, energy = np.split(
-        columns,
-        [n, 2 * n, 3 * n, 4 * n],
-        axis=1)
+    begins = v.shape[1] * np.arange(1, 5)
+    nominal, compensation, robust, tau, energy = np.split(columns, begins, axis=1)
     return RunTerms(
         (stamps - start) / NANOSECONDS,
         tau=tau,
@@ -91,8 +88,7 @@ def rows_at(times: Array | Instants, sample_times: Array | Instants, values: Arr
 
     A row for each time, nan without a sample.
     """
-    shape = (len(times), *values.shape[1:])
-    rows = np.full(shape, np.nan)
+    rows = np.full((len(times), *values.shape[1:]), np.nan)
     _, row, sample = np.intersect1d(times, sample_times, return_indices=True)
     rows[row] = values[sample]
     return rows
@@ -128,13 +124,17 @@ def answers_to_states(
         commands.logged,
         states.stamps,
         states.logged)
-    is_certain = answers.is_own & (answers.late[1] == 0.0)
-    tau = np.where(is_certain[:, np.newaxis], answers.command, np.nan)
+    is_sure = answers.late[1] == 0.0
+    is_certain = answers.is_own & is_sure
+    tau = answers.command
+    tau[~is_certain] = np.nan
     stamped = rows_at(t, published.t, published.tau)
     is_stamped = np.isfinite(stamped).all(axis=1)
-    difference = np.abs(tau - stamped)[is_stamped]
-    differs = (difference > 0.0).any(axis=1)
+    difference = np.abs(tau - stamped)
+    is_other = difference[is_stamped] > 0.0
+    differs = is_other.any(axis=1)
     next_stamped = np.cumsum(is_stamped) - is_stamped
+    # Of the stamped torques before and after each state.
     is_doubtful = np.append(differs, False)[next_stamped]
     is_doubtful |= np.append(False, differs)[next_stamped]
     tau[is_doubtful] = np.nan
@@ -145,7 +145,8 @@ def answers_to_states(
 def is_one_to_one(tau: Array) -> bool:
     """Return whether each state but the last has its torque."""
     is_known = np.asarray(np.isfinite(tau).all(axis=1))
-    return bool(is_known.any() and is_known[:-_UNANSWERED_STATES].all())
+    is_complete = is_known[:-_UNANSWERED_STATES].all()
+    return bool(is_complete and is_known.any())
 
 
 def received_torques(commands: Signal, published: RunTerms, states: Signal, start: int) -> Series:
@@ -157,12 +158,14 @@ def received_torques(commands: Signal, published: RunTerms, states: Signal, star
     if not len(commands.logged):
         is_known = np.isfinite(published.tau).all(axis=1)
         t = published.t[is_known]
-        return Series(t, published.tau[is_known], _origin(t))
+        tau = published.tau[is_known]
+        return Series(t, tau, _origin(t))
     t = _reception_times(commands.logged, states, start)
     begin = (states.stamps[0] - start) / NANOSECONDS
     order = np.argsort(t, kind='stable')
     order = order[t[order] >= begin]
-    return Series(t[order], commands.values[0][order], _origin(order), received=True)
+    torques = commands.values[0][order]
+    return Series(t[order], torques, _origin(order), received=True)
 
 
 def _origin(samples: Sized) -> SignalOrigin:
@@ -177,12 +180,12 @@ def _reception_times(logged: Instants, states: Signal, start: int) -> Array:
     A message that was received between two states stands between their stamps, whatever clock the
     recorder has.
     """
-    received = np.maximum.accumulate(states.logged - states.logged[0])
-    since = logged - states.logged[0]
+    first = states.logged[0]
+    received = np.maximum.accumulate(states.logged - first)
+    since = logged - first
     between = np.interp(since, received, states.stamps - start)
-    earlier = np.minimum(since, 0)
-    later = np.maximum(since - received[-1], 0)
-    times: Array = (between + (later + earlier)) / NANOSECONDS
+    beyond = since - since.clip(0, received[-1])
+    times: Array = (between + beyond) / NANOSECONDS
     return times
 
 
@@ -207,13 +210,17 @@ def replay_law(
     if agrees:
         return Replay(ReplayVerdict.EXACT), computed
     squares = np.square(computed.tau - run.tau)
-    difference = np.sqrt(np.nanmean(squares, axis=0))
-    return Replay(ReplayVerdict.OTHER_TORQUES, tuple(difference.tolist())), None
+    mean = np.nanmean(squares, axis=0)
+    difference = tuple(np.sqrt(mean).tolist())
+    return Replay(ReplayVerdict.OTHER_TORQUES, difference), None
 
 
 def _agree(computed: Array, recorded: Array) -> bool:
     """Return whether values are the recorded ones, except for rounding."""
     is_known = np.isfinite(recorded)
-    largest = float(np.abs(recorded[is_known]).max(initial=_SMALLEST_TERM))
-    difference = np.abs(computed - recorded)[is_known]
+    computed = computed[is_known]
+    recorded = recorded[is_known]
+    magnitude = np.abs(recorded)
+    largest = float(magnitude.max(initial=_SMALLEST_TERM))
+    difference = np.abs(computed - recorded)
     return bool((difference <= ROUNDING * largest).all())

@@ -60,7 +60,8 @@ class RecordedReference(NamedTuple):
         """Return it with counted turns of endless joints, by (AN1)."""
         points = self.points.copy()
         seconds = (self.t - self.t[0]) / NANOSECONDS
-        q, dq = points[:, 0], points[:, 1]
+        q = points[:, 0]
+        dq = points[:, 1]
         points[:, 0] = unwrapped(seconds, q, dq, continuous)
         return self._replace(points=points)
 
@@ -77,15 +78,23 @@ class RecordedReference(NamedTuple):
         second = np.minimum(first + 1, len(self.t) - 1)
         points = self.points[first]
         is_between = self.t[first] != instants
-        points[is_between & (second == first), 1:] = 0.0
-        rows = np.flatnonzero(is_between & (second > first))
+        is_behind = is_between & (second == first)
+        points[is_behind, 1:] = 0.0
+        rows = np.flatnonzero(is_between & ~is_behind)
         if len(rows):
-            first, second = first[rows], second[rows]
+            first = first[rows]
+            second = second[rows]
             begin = self.t[first]
-            span: Any = (self.t[second] - begin)[:, np.newaxis] / NANOSECONDS
-            since = (instants[rows] - begin)[:, np.newaxis] / NANOSECONDS
-            ends = [*self.points[first].swapaxes(0, 1), *self.points[second].swapaxes(0, 1)]
-            points[rows] = np.stack(quintic(since / span, span, *ends), axis=1)
+            duration = self.t[second] - begin
+            elapsed = instants[rows] - begin
+            span: Any = duration[:, np.newaxis] / NANOSECONDS
+            since = elapsed[:, np.newaxis] / NANOSECONDS
+            motion = quintic(
+                since / span,
+                span,
+                *self.points[first].swapaxes(0, 1),
+                *self.points[second].swapaxes(0, 1))
+            points[rows] = np.stack(motion, axis=1)
         return points
 
 
@@ -104,7 +113,8 @@ def read_reference(bag: Bag, joints: tuple[str, ...]) -> RecordedReference:
             t, points = _read_chunk(message, joints)
         except CtcError:
             continue
-        if not len(t) or (np.diff(t) <= 0).any():
+        step = np.diff(t)
+        if not len(t) or (step <= 0).any():
             continue
         start = start if chunks else int(t[0])
         _extend(chunks, t, points)
@@ -120,7 +130,8 @@ def _extend(chunks: list[tuple[Instants, Array]], t: Instants, points: Array) ->
         old_t, old_points = chunks.pop()
         count = int(np.searchsorted(old_t, t[0]))
         if count:
-            chunks.append((old_t[:count], old_points[:count]))
+            earlier = old_t[:count], old_points[:count]
+            chunks.append(earlier)
     chunks.append((t, points))
 
 
@@ -131,14 +142,10 @@ def _read_chunk(message: Any, joints: tuple[str, ...]) -> tuple[Instants, Array]
     A message of other joints raises `RejectedMessage`.
     """
     first = nanoseconds(message.header.stamp)
-    times, rows = [], []
+    times = [first + nanoseconds(x.time_from_start) for x in message.points]
+    rows: list[Any] = []
     for point in message.points:
-        times.append(first + nanoseconds(point.time_from_start))
-        rows.append(select(
-            joints,
-            message.joint_names,
-            point.positions.tolist(),
-            point.velocities.tolist(),
-            point.accelerations.tolist()))
-    points = np.array(rows, float).reshape(-1, 3, len(joints))
+        rows += point.positions, point.velocities, point.accelerations
+    values = select(joints, message.joint_names, *(x.tolist() for x in rows))
+    points = np.array(values, float).reshape(-1, 3, len(joints))
     return np.array(times, np.int64), points

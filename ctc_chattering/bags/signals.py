@@ -23,22 +23,32 @@ above it, say which column belongs to which joint. `bags/reader.py` reads runs w
 from __future__ import annotations
 
 from array import array
+from collections.abc import Sequence
 import dataclasses
 from functools import cache
+from itertools import islice
 from operator import attrgetter
 from typing import Any, NamedTuple
 
 from ctc_chattering.bags.bag import Bag
 from ctc_chattering.errors import CtcError, suggest
 from ctc_chattering.numerics.linear_algebra import Array, Flags, Indices
-from ctc_chattering.numerics.time_grid import nanoseconds
+from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 import numpy.typing as npt
 from rosbags.interfaces import Connection
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 MULTI_ARRAY = 'std_msgs/msg/Float64MultiArray'
 Instants = npt.NDArray[np.int64]
+#: Type, log time [ns] and data.
+_Serialized = tuple[str, int, bytes]
+#: Messages that are read at once, which limits the memory.
+_BLOCK_MESSAGES = 10_000
+#: Bytes of the stamp in a message that begins with a header.
+_STAMP = slice(4, 12)
+_STAMP_TYPE = np.dtype([('sec', '<i4'), ('nanosec', '<u4')])
 #: Fields that have joint names, as messages call them.
 _NAME_FIELDS = ('name', 'names', 'joint_names', 'dof_names')
 
@@ -71,7 +81,7 @@ class Signal(NamedTuple):
         """Return the messages in which all values are finite."""
         values = np.hstack(self.values)
         is_finite = np.asarray(np.isfinite(values).all(axis=1))
-        return self if is_finite.all() else self.select(is_finite)
+        return self.select(is_finite)
 
 
 class SignalLayout(NamedTuple):
@@ -132,19 +142,57 @@ class SignalTopic(NamedTuple):
 
         Messages without one of them, or with one twice, are left out.
         """
-        @cache
-        def find_columns(names: tuple[str, ...]) -> Indices:
-            distinct = set(names)
-            is_complete = distinct.issuperset(joints) and len(distinct) == len(names)
-            indices = [names.index(x) for x in joints] if is_complete else []
-            return np.array(indices, int)
+        messages = self.bag.read_serialized(self.connections)
+        blocks = [self._read_each([], joints)]
+        while block := list(islice(messages, _BLOCK_MESSAGES)):
+            blocks.append(self._read_alike(block, joints) or self._read_each(block, joints))
+        logged, stamps, values = zip(*blocks)
+        return Signal(
+            np.concatenate(logged),
+            np.concatenate(stamps),
+            tuple(np.concatenate(x) for x in zip(*values)))
 
+    def _read_alike(self, block: Sequence[_Serialized], joints: tuple[str, ...]) -> Signal | None:
+        """
+        Return messages that differ only in stamp and numbers, else None.
+
+        Decoded numbers are views of the data. So those of all messages lie at equal distances.
+        """
+        _, times, contents = zip(*block)
+        size = len(contents[0])
+        if any(len(x) != size for x in contents):
+            return None
+        joined = bytearray().join(contents)
+        rows = np.frombuffer(joined, np.uint8).reshape(-1, size)
+        message = self.bag.decode(memoryview(rows[0]), self.message_type)
+        fields = list(getattr(message, '__dataclass_fields__', ()))
+        numbers = _find_numbers(message, (*self.fields, *fields), rows)
+        names = _joint_names(message, self.fields[0]) or joints
+        indices = _find_columns(names, joints)
+        has_all = all(x in numbers and numbers[x].shape[1] == len(names) for x in self.fields)
+        if not len(indices) or not has_all or 'header' in fields[1:]:
+            return None
+        values = tuple(numbers[x][:, indices] for x in self.fields)
+        stamps = np.zeros(len(rows), np.int64)
+        if fields[:1] == ['header']:
+            stamp = rows[:, _STAMP].copy().view(_STAMP_TYPE)[:, 0]
+            stamps = NANOSECONDS * stamp['sec'].astype(np.int64) + stamp['nanosec']
+            rows[:, _STAMP] = 0
+        for views in numbers.values():
+            views[...] = 0.0
+        if (rows != rows[0]).any():
+            return None
+        return Signal(np.array(times), stamps, values)
+
+    def _read_each(self, block: Sequence[_Serialized], joints: tuple[str, ...]) -> Signal:
+        """Return the values of some joints, message by message."""
         logged, stamps = array('q'), array('q')
         columns = [array('d') for _ in self.fields]
         missing = [np.nan] * len(joints)
-        for t, message in self.bag.read(self.connections):
+        for _, t, data in block:
+            message = self.bag.decode(data, self.message_type)
             names = _joint_names(message, self.fields[0]) or joints
-            indices = find_columns(names)
+            indices = _find_columns(names, joints)
             rows = [_numbers(message, field) for field in self.fields]
             if rows[0] is None or not len(indices):
                 continue
@@ -156,8 +204,44 @@ class SignalTopic(NamedTuple):
             stamp = _value(message, 'header.stamp')
             stamps.append(nanoseconds(stamp) if stamp else 0)
             logged.append(t)
-        return Signal(np.array(logged), np.array(stamps), tuple(
-            np.frombuffer(x).reshape(-1, len(joints)) for x in columns))
+        values = tuple(np.frombuffer(x).reshape(-1, len(joints)) for x in columns)
+        return Signal(np.array(logged), np.array(stamps), values)
+
+
+def _find_numbers(message: Any, fields: Sequence[str], rows: npt.NDArray[np.uint8]
+                  ) -> dict[str, Array]:
+    """
+    Return views of the numbers in messages alike, by field.
+
+    Parameters
+    ----------
+    message : object
+        The first message, decoded from the first row.
+    fields : sequence of str
+        Fields to look at. Those without such numbers are left out.
+    rows : ndarray, shape (N, L)
+        Data of the messages.
+
+    """
+    numbers = {}
+    for field in fields:
+        value = _value(message, field)
+        is_double = getattr(value, 'dtype', None) == np.float64
+        if is_double and np.may_share_memory(value, rows):
+            numbers[field] = as_strided(
+                value,
+                (len(rows), len(value)),
+                (rows.shape[1], value.itemsize))
+    return numbers
+
+
+@cache
+def _find_columns(names: tuple[str, ...], joints: tuple[str, ...]) -> Indices:
+    """Return the columns of some joints, empty if one is missing or twice."""
+    distinct = set(names)
+    is_complete = distinct.issuperset(joints) and len(distinct) == len(names)
+    indices = [names.index(x) for x in joints] if is_complete else []
+    return np.array(indices, int)
 
 
 _getter = cache(attrgetter)

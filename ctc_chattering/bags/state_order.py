@@ -88,12 +88,14 @@ def order_states(name: str, t: Array, *contents: Array, period: float | None = N
 
     """
     order: Indices = np.argsort(t, kind='stable')
-    repeats = np.diff(t[order]) == 0.0
+    stamps = t[order]
+    repeats = np.diff(stamps) == 0.0
     for values in contents:
         for column in values.T:  # Column by column, for long series.
             ordered = column[order]
             repeats &= ordered[1:] == ordered[:-1]
-    order = order[np.append(True, ~repeats)]
+    is_new = np.append(True, ~repeats)
+    order = order[is_new]
     usual_step = period or _median_step(t[order])
     distinct = np.unique(t)
     isolated = distinct[find_isolated(distinct, usual_step)]
@@ -106,7 +108,8 @@ def order_states(name: str, t: Array, *contents: Array, period: float | None = N
     stamps = t[order]
     double_step = stamps[2:] - stamps[:-2]
     smallest = 2.0 * STAMP_LIMITS.crowded_step_ratio * usual_step
-    is_crowded = median_filter(double_step, STAMP_LIMITS.crowd_states) < smallest
+    usual = median_filter(double_step, STAMP_LIMITS.crowd_states)
+    is_crowded = usual < smallest
     if period is None:
         is_crowded |= _find_alternating(np.diff(stamps), double_step)
     if is_crowded.any():
@@ -131,7 +134,8 @@ def find_isolated(stamps: Array, period: float) -> Flags:
     is_end = np.diff(stamps) > STAMP_LIMITS.isolating_step_periods * period
     group = np.append(0, np.cumsum(is_end))
     sizes = np.bincount(group)
-    is_isolated = (sizes < STAMP_LIMITS.min_group_states) & (len(sizes) > 1)
+    is_small = sizes < STAMP_LIMITS.min_group_states
+    is_isolated = is_small & (len(sizes) > 1)
     flags: Flags = is_isolated[group]
     return flags
 
@@ -160,9 +164,10 @@ def _find_alternating(step: Array, double_step: Array) -> Flags:
 
     """
     median = np.median(double_step)
-    is_regular: Flags = double_step <= 2.0 * STAMP_LIMITS.crowded_step_ratio * median
+    longest = 2.0 * STAMP_LIMITS.crowded_step_ratio * median
+    is_regular: Flags = double_step <= longest
     change = np.abs(np.diff(step))
-    alternates = (change > 0.1 * double_step)[is_regular]
+    alternates = change[is_regular] > 0.1 * double_step[is_regular]
     low, high = np.percentile(double_step[is_regular], (10.0, 90.0))
     is_even = high - low < 0.4 * median
     return is_regular & bool(alternates.mean() > 0.8 and is_even)

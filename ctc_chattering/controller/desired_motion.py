@@ -78,6 +78,14 @@ class DesiredMotion(Trajectory):
         """Return whether `t` [ns] ends a pause of the torques."""
         return self._driven is not None and t - self._driven > PAUSE
 
+    def anchor_point(self, t: int) -> Point | None:
+        """Return the point at `t` [ns] beside which turns are counted, if it is known."""
+        way_back = self.way_back
+        begins = self.resumes(t) and self.restart_duration > 0.0
+        if way_back is None or begins or t >= way_back.end:
+            return self.at(t)
+        return way_back.at(t)
+
     def desired(self, t: int, q: Vector, dq: Vector, wait: bool) -> list[Point] | None:
         """
         Return the desired points at `t` and over the delay.
@@ -105,12 +113,13 @@ class DesiredMotion(Trajectory):
         points = [self.at(t + lag) for lag in self._lags]
         if points[0] is None:
             return None
-        if wait and t + self._lags[-1] > self._times[-1] and not self.ends_at_rest:
+        end = t + self._lags[-1]
+        if wait and end > self._times[-1] and not self.ends_at_rest:
             return None
         if self.resumes(t) and self.restart_duration > 0.0:
-            at_rest = (0.0,) * len(q)
+            start = q, dq, (0.0,) * len(q)
             self.way_back = smooth_start(
-                cast('TimedMotion', self), t, (q, dq, at_rest), self.restart_duration)
+                cast('TimedMotion', self), t, start, self.restart_duration)
         self._driven = t
         if self.way_back is not None:
             if t < self.way_back.end:

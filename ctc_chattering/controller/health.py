@@ -98,10 +98,12 @@ class FaultRates:
         self._reports.append(counts)
         problems = []
         for fault, now, first in zip(self._kinds, counts, self._reports[0]):
-            rate = (now.faults - first.faults) / max(now.total - first.total, 1e-9)
+            total = max(now.total - first.total, 1e-9)
+            rate = (now.faults - first.faults) / total
             if rate > fault.warning:
                 text = fault.text.format(rate, 100.0 * rate)
-                problems.append(Problem(1 + (rate >= fault.error), f'{text}: {cause or BUSY}'))
+                level = 2 if rate >= fault.error else 1
+                problems.append(Problem(level, f'{text}: {cause or BUSY}'))
         return problems
 
 
@@ -151,7 +153,8 @@ class ControllerHealth:
         """Return the joints with a saturated chattering term."""
         if not self._terms or not config.takes('ka'):
             return []
-        by_joint = term_saturation([(np.array(self._terms), config.ka, config.switching_in_force)])
+        recording = np.array(self._terms), config.ka, config.switching_in_force
+        by_joint = term_saturation([recording])
         return [Problem(1, f'{name}: {x}') for name, x in zip(self._names, by_joint) if x.cause]
 
     def report(self, now: int, t: int, rejected: Mapping[str, int], skipped: int,
@@ -178,8 +181,10 @@ class ControllerHealth:
         refused = sum(n for reason, n in rejected.items() if reason != _UNRELATED_KIND)
         states = self.taken + skipped
         problems = self._rates.report(
-            cause, FaultCount(self.restarts, seconds(now)),
-            FaultCount(refused, self.taken + refused), FaultCount(skipped, states))
+            cause,
+            FaultCount(self.restarts, seconds(now)),
+            FaultCount(refused, self.taken + refused),
+            FaultCount(skipped, states))
         if simulated:
             problems = []
         self._stamps.append(_StampCount(t, states, self.restarts))

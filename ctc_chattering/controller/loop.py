@@ -328,12 +328,12 @@ class ControlLoop:
 
     def _anchor_turns(self, law: Controller, instant: int, state: JointSample) -> JointSample:
         """
-        Return the state with the turns of the reference.
+        Return the state with the turns of the desired motion.
 
         It keeps them until the law begins again. After a pause without a torque the
         joints may have been turned, so that the law begins again if the turns are other ones.
         """
-        point = self.motion.at(instant)
+        point = self.motion.anchor_point(instant)
         if point is None:
             return state
         was_anchored = self._positions.anchored

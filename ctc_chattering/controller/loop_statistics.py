@@ -75,7 +75,8 @@ class LoopStatistics:
 
     def rotate(self, now: int) -> None:
         """Begin a new window of the rate at `now` [ns]."""
-        (samples, begin), self._seen = self._seen, (self.samples, now)
+        samples, begin = self._seen
+        self._seen = self.samples, now
         if now > begin > 0:
             self.rate = (self.samples - samples) / seconds(now - begin)
         for durations in self._durations.values():
@@ -95,11 +96,14 @@ class LoopStatistics:
 
     def values(self) -> dict[str, float]:
         """Return the values of the report, by name with unit."""
-        result = {'samples': self.samples, 'rate [Hz]': self.rate,
-                  'deadline misses': self.misses}
+        result = {
+            'samples': self.samples,
+            'rate [Hz]': self.rate,
+            'deadline misses': self.misses}
         levels = list(_QUANTILES.values())
         for name, durations in self._durations.items():
             if durations:
                 ms = np.quantile(durations, levels, method='inverted_cdf') / 1e6
-                result |= {f'{name}, {key} [ms]': x for key, x in zip(_QUANTILES, ms.tolist())}
+                for key, value in zip(_QUANTILES, ms.tolist()):
+                    result[f'{name}, {key} [ms]'] = value
         return result

@@ -151,8 +151,9 @@ class PositionTracker:
     def agrees(self, state: JointSample) -> bool:
         """Note a refused state, and return whether enough agree."""
         last, self._refused = self._refused, state
-        follows = last is not None and find_jump(last, self._follow(last, state)) is None
-        self._agreeing = self._agreeing + 1 if follows else 1
+        if last is None or find_jump(last, self._follow(last, state)) is not None:
+            self._agreeing = 0
+        self._agreeing += 1
         return self._agreeing >= LIMITS.agreeing
 
     def anchor(self, state: JointSample, target: Vector) -> JointSample:
@@ -171,6 +172,6 @@ class PositionTracker:
         turns = [turns_to(q, desired) if endless else 0
                  for q, desired, endless in zip(state.q, target, self.continuous)]
         if any(turns):
-            state = state._replace(q=[turned(q, count) for q, count in zip(state.q, turns)])
+            state = state._replace(q=list(map(turned, state.q, turns)))
             self.take(state)
         return state

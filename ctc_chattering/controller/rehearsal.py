@@ -83,20 +83,24 @@ class Rehearsal:
         else:
             self._outages += state.t - self._last_stamp > self._timeout
         self._last_stamp = state.t
-        law, zero = self._law, [0.0] * len(state.q)
-        point = state.q, zero, zero
-        law.try_step(state.q, state.dq, *point, [point] * law.config.input_delay,
-                     state.t, law.instant(state.t), 0)
+        law = self._law
+        at_rest = [0.0] * len(state.q)
+        point = state.q, at_rest, at_rest
+        ahead = [point] * law.config.input_delay
+        law.try_step(state.q, state.dq, *point, ahead, state.t, law.instant(state.t), 0)
         return True
 
     def miss(self, states: int) -> None:
         """Count states that were missed, each of them."""
-        self.total = Answered(self.total.states + states, self.total.in_time)
+        total, in_time = self.total
+        self.total = Answered(total + states, in_time)
 
     def answer(self, in_time: bool) -> None:
         """Count a state that was answered."""
         self._answers += 1
-        self.total = Answered(self.total.states + 1, self.total.in_time + in_time)
+        self.miss(1)
+        if in_time:
+            self.total = self.total._replace(in_time=self.total.in_time + 1)
 
     def report(self, logger: Logger) -> None:
         """Log the rate, or warn of it."""
@@ -105,7 +109,8 @@ class Rehearsal:
         states, in_time = self.total
         span = seconds(self._last_stamp - self._first_stamp)
         period = seconds(self._period)
-        configured_rate, rate = 1.0 / period, (self._answers - 1) / span
+        configured_rate = 1.0 / period
+        rate = (self._answers - 1) / span
         text = (f'before the first torque {states} states came in {span:.2f} s; '
                 f'{in_time} were answered within {1e3 * period:g} ms, with '
                 f'{self._outages} outages: this loop keeps {rate:.0f} Hz')

@@ -85,23 +85,28 @@ class Stamps:
         """
         if self._last is None:
             return self._take(t, now, now - t, RESTART)
-        step, silence = t - self._last, now - self._arrived
-        shortest_delay = min(self._shortest_delay + silence // _LEAK, now - t)
-        self.lateness = 0 if simulated else now - t - self._shortest_delay
-        if step > 0 and self.lateness > self.limit + silence // _LEAK:
-            self._stale_since = now if self._stale_since is None else self._stale_since
+        step = t - self._last
+        silence = now - self._arrived
+        leak = silence // _LEAK
+        delay = now - t
+        shortest_delay = min(self._shortest_delay + leak, delay)
+        self.lateness = 0 if simulated else delay - self._shortest_delay
+        if step > 0 and self.lateness > self.limit + leak:
+            if self._stale_since is None:
+                self._stale_since = now
             if now - self._stale_since <= _MAX_STALE_LIMITS * self.limit:
                 return STALE
-            shortest_delay = now - t
+            shortest_delay = delay
         if 0 < step <= self.limit:
             return self._take(t, now, shortest_delay, NEXT)
-        if step > 0 and not simulated and step <= silence + silence // _LEAK + self.limit:
+        if not simulated and 0 < step <= silence + leak + self.limit:
             return self._take(t, now, shortest_delay, GAP)
         if step == 0:
             return REPEATED
         candidate, self._candidate = self._candidate, t
-        if candidate is not None and (0 if simulated else 1) <= t - candidate <= self.limit:
-            return self._take(t, now, now - t, RESTART if step < 0 else GAP)
+        least_step = 0 if simulated else 1
+        if candidate is not None and least_step <= t - candidate <= self.limit:
+            return self._take(t, now, delay, RESTART if step < 0 else GAP)
         return BACKWARD if step < 0 else JUMP
 
     def arrival(self, t: int) -> int:
@@ -110,6 +115,8 @@ class Stamps:
 
     def _take(self, t: int, now: int, shortest_delay: int, verdict: str) -> str:
         """Take a state, and the shortest delay from now on [ns]."""
-        self._last, self._arrived, self._shortest_delay = t, now, shortest_delay
+        self._last = t
+        self._arrived = now
+        self._shortest_delay = shortest_delay
         self._candidate = self._stale_since = None
         return verdict

@@ -45,8 +45,8 @@ def loop_status(loop: ControlLoop, now: int, rejected: Mapping[str, int], skippe
     if loop.law is not None:
         config = loop.law.config
         problems += loop.health.saturation(config)
-        problems += [Problem(1, text) for text in (
-            *low_bandwidth(loop.law), *unsafe_settings(config))]
+        warnings = *low_bandwidth(loop.law), *unsafe_settings(config)
+        problems += [Problem(1, text) for text in warnings]
     mode = loop.mode
     if mode in (Mode.TRIPPED, Mode.TRIPPED_AND_DISABLED):
         return Problem(2, f'tripped: {loop.tripped}; call ~/reset')
@@ -57,5 +57,6 @@ def loop_status(loop: ControlLoop, now: int, rejected: Mapping[str, int], skippe
             2, f'no reference for {seconds(loop.motion.grace):g} s; holding the position')
     if not mode.sends_torque or not problems:
         return Problem(int(not mode.sends_torque), mode.text)
-    level = max(problem.level for problem in problems)
-    return Problem(level, f'running, but {"; ".join(problem.text for problem in problems)}')
+    level = max(x.level for x in problems)
+    text = '; '.join(x.text for x in problems)
+    return Problem(level, f'running, but {text}')

@@ -42,16 +42,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from math import inf
-from typing import NamedTuple
+from operator import gt, sub
+from typing import Any, NamedTuple
 
 from ctc_chattering.control.controller import Controller, Sample
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.laws.base import Stability
 from ctc_chattering.control.laws.registry import law_class
 from ctc_chattering.errors import ParameterError
-from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS
-from ctc_chattering.parameters import matrix
+from ctc_chattering.parameters import matrix, Parameter
 import numpy as np
 
 #: Time for which a feedback must oscillate before it is a trip [s].
@@ -137,9 +138,11 @@ class TripMonitor:
             self._law = config.law
             self.restart()
         if law.law.is_watched and min(config.error_limit) == inf:
-            self._smallest = [min(abs(x), smallest) for x, smallest in zip(e, self._smallest)]
-            growth, joint = max((abs(x) - smallest, i) for i, (x, smallest) in enumerate(
-                zip(e, self._smallest)))
+            magnitude = [abs(x) for x in e]
+            self._smallest = list(map(min, magnitude, self._smallest))
+            by_joint = list(map(sub, magnitude, self._smallest))
+            growth = max(by_joint)
+            joint = by_joint.index(growth)
             if growth > TRIP_LIMITS.growth:
                 return (f'the position error of {self._names[joint]} has grown by {growth:.2f} '
                         f'rad (set error_limit to allow more than {TRIP_LIMITS.growth:g} rad)'
@@ -184,9 +187,8 @@ def unsafe_settings(config: ControllerConfig) -> Iterator[str]:
     for name, ki, bound in zip(config.joint_names, config.ki, law.largest_ki(config)):
         if ki >= bound:
             yield f'{name}: ki is {ki:g}; the loop is unstable from {max(bound, 0.0):g} on'
-    if not law.is_bounded and any(
-            ours > drives for ours, drives in zip(
-                config.effort_rate_limit, config.torque_rate_limit)):
+    exceeds = map(gt, config.effort_rate_limit, config.torque_rate_limit)
+    if not law.is_bounded and any(exceeds):
         yield ('effort_rate_limit exceeds torque_rate_limit; where drives are slower than the '
                f'torque that is sent, the estimate of {config.law} grows')
 
@@ -203,8 +205,8 @@ def check_change(present: ControllerConfig, candidate: ControllerConfig) -> None
     for name, spec in ControllerConfig.parameters().items():
         if spec.read_only or spec.kind not in ('float', 'float[]'):
             continue
-        old, new = (np.abs(np.diagonal(matrix(x, n)) if spec.shape == 'nn' else np.atleast_1d(x))
-                    for x in (getattr(present, spec.field), getattr(candidate, spec.field)))
+        old = _magnitudes(spec, getattr(present, spec.field), n)
+        new = _magnitudes(spec, getattr(candidate, spec.field), n)
         old[old == 0.0] = spec.default if 0.0 < spec.default < inf else 1.0
         with np.errstate(all='ignore'):
             ratio = np.maximum(new / old, old / new)
@@ -213,6 +215,12 @@ def check_change(present: ControllerConfig, candidate: ControllerConfig) -> None
             raise ParameterError(name, getattr(candidate, spec.field), (
                 f'a change by a factor of at most {MAX_CHANGE_FACTOR:g} at once; if you mean it, '
                 'set values in between first'))
+
+
+def _magnitudes(spec: Parameter, value: Any, n: int) -> Array:
+    """Return the numbers of a parameter, those on the diagonal of a matrix."""
+    numbers = np.diagonal(matrix(value, n)) if spec.shape == 'nn' else np.atleast_1d(value)
+    return np.abs(numbers)
 
 
 def missing_limits(config: ControllerConfig, of_model: Vector) -> str:

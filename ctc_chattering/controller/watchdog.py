@@ -76,10 +76,13 @@ class Watchdog:
 
     def feed(self, now: int, begun: bool = True) -> None:
         """Note a message at `now` [ns], and report an outage's end once `begun`."""
-        silence, self._last = now - self._last, now
+        silence = self.silence(now)
+        self._last = now
         if self.out and begun:
-            self._log.warning(f'{self._name}: {self._noun}s again, after {seconds(silence):.3f} s;'
-                              f' meanwhile {self._consequence}', throttle_duration_sec=1.0)
+            self._log.warning(
+                f'{self._name}: {self._noun}s again, after {seconds(silence):.3f} s; meanwhile '
+                f'{self._consequence}',
+                throttle_duration_sec=1.0)
         self.out = False
 
     def silence(self, now: int) -> int:
@@ -93,6 +96,8 @@ class Watchdog:
         self.out |= begins
         self.outages += begins
         if silence > max(self.timeout, _LONG_OUTAGE_NS):
-            self._log.error(f'{self._name}: no {self._noun} for {seconds(silence):.1f} s; '
-                            f'{self._consequence}', throttle_duration_sec=_REPORT_PERIOD_S)
+            self._log.error(
+                f'{self._name}: no {self._noun} for {seconds(silence):.1f} s; '
+                f'{self._consequence}',
+                throttle_duration_sec=_REPORT_PERIOD_S)
         return begins

@@ -40,14 +40,14 @@ _RUN = ('import sys; sys.path[:] = filter(None, sys.path); import runpy; '
 
 
 def node_command(name: str, *arguments: str, program: str = 'node') -> list[str]:
-    """Return the command of a child that runs a node or `ctc`."""
+    """Return the command that runs a node or `ctc`."""
     return [sys.executable, '-c', _RUN, f'ctc_chattering.cli.{program}', name, '--parent',
             str(os.getpid()), *arguments]
 
 
 def end_with(parent: int) -> None:
     """
-    End this process by SIGTERM when its parent has ended.
+    End this process by SIGTERM with its parent.
 
     The child asks for that itself. Between fork and exec Python code of a parent with threads may
     wait for ever, for a lock that one of them held.
@@ -104,7 +104,7 @@ class Child:
 
     @property
     def status(self) -> int | None:
-        """Exit status, negative for a signal, None while it runs."""
+        """Exit status: negative for a signal, None before."""
         return self.process.poll()
 
     def exit_report(self) -> str:

@@ -130,7 +130,7 @@ def run_graph(setup: Setup, record: Path | None = None, ros_args: Sequence[str] 
 def node_values(setup: Setup, record: Path | None, with_bringup: bool = True
                 ) -> dict[str, dict[str, Any]]:
     """
-    Return the parameters of the nodes, in the order of start.
+    Return the nodes' parameters, in the order of start.
 
     Parameters
     ----------
@@ -178,5 +178,5 @@ def _watch(nodes: Mapping[str, Child], monitor: ParameterEventScheduler, caught:
 
 
 def one_processor() -> set[int]:
-    """Return one of the processors that this process may use."""
+    """Return a processor that this process may use."""
     return {random.choice(sorted(os.sched_getaffinity(0)))}

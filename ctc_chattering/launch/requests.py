@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Requests to the services of a running graph, and timed events.
+Requests to a running graph's services, and timed events.
 
 `ctc live` sends `Requests` of its user. `bringup` runs a `ParameterEventScheduler` in its own
 process by `graph_monitor`.
@@ -106,7 +106,7 @@ class Requests:
                    parameters=[to_parameter(*item).to_parameter_msg() for item in items])
 
     def torques(self, on: bool) -> None:
-        """Stop the torques, or resume them, also after a trip."""
+        """Stop or resume the torques, also after a trip."""
         if on:
             self._send('reset', Trigger, 'controller/reset')
         self._send('enable' if on else 'disable', SetBool, 'controller/enable', data=on)
@@ -136,7 +136,7 @@ class Requests:
 
 
 def _outcome(response: Any) -> tuple[bool, str]:
-    """Return the success of a request, and the answer in words."""
+    """Return the success of a request, and its answer."""
     if isinstance(response, SetParameters.Response):
         reasons = [x.reason for x in response.results if not x.successful]
         return not reasons, '; '.join(reasons) or 'done'
@@ -145,7 +145,7 @@ def _outcome(response: Any) -> tuple[bool, str]:
 
 class ParameterEventScheduler(BaseNode):
     """
-    Node of bringup that sets the parameters of a run's events.
+    Bringup's node, which sets the parameters of events.
 
     Time of the run is that of ``/clock`` in lockstep, else since the first values of the plant's
     parameters. In lockstep the plant holds simulated time before the first sample of an event,
@@ -176,7 +176,7 @@ class ParameterEventScheduler(BaseNode):
 
     def look(self) -> float:
         """
-        Serve the graph for a moment, and return the time of the run [s].
+        Serve the graph, and return the run's time [s].
 
         Raises
         ------
@@ -209,7 +209,7 @@ class ParameterEventScheduler(BaseNode):
             self.failure = f'an event was refused: {answer}'
 
     def report_end(self, why: str = '') -> None:
-        """Report why the graph ends, and wait for all readers."""
+        """Report why the graph ends; wait for readers."""
         super().report_end(why)
         wait_for_all_acked(self, [signal.SIGTERM])
 

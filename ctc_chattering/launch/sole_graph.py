@@ -86,7 +86,7 @@ def sole_graph(node: Node) -> Iterator[None]:
 
 
 def _other_nodes(node: Node) -> list[str]:
-    """Return the full names of the nodes of another graph."""
+    """Return the full names of another graph's nodes."""
     names = [name for name, namespace in node.get_node_names_and_namespaces()
              if namespace == node.get_namespace() and name in (node.get_name(), *LOOP)]
     names.remove(node.get_name())
@@ -94,7 +94,7 @@ def _other_nodes(node: Node) -> list[str]:
 
 
 def _holder(address: str) -> str:
-    """Return the process that holds a socket, as far as it is known."""
+    """Return the process that holds a socket, if known."""
     with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
         client.setblocking(False)
         client.connect(address)

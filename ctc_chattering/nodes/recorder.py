@@ -20,6 +20,7 @@ It subscribes to all topics of `ros.topics.TOPICS`, and `bags.writer` puts them 
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 import dataclasses
@@ -126,7 +127,8 @@ class RecorderNode(BaseNode):
 
     def _subscribe(self, topic: Topic) -> _Recorded:
         """Subscribe to a topic."""
-        name, message_class = self.resolve_topic_name(topic.name), message_type(topic.kind)
+        name = self.resolve_topic_name(topic.name)
+        message_class = message_type(topic.kind)
         profile = qos(_DEPTH, topic.latched)
         timing = None
         if topic.name in (JOINT_STATES, CLOCK):
@@ -155,8 +157,13 @@ class RecorderNode(BaseNode):
     def _write_waiting(self) -> None:
         """Write the messages that wait."""
         for topic, received, data in self._waiting:
-            self._attempt(self._recording.write, topic.name, topic.message_type,
-                          self._time.now if self._simulated else received, data, topic.offered)
+            self._attempt(
+                self._recording.write,
+                topic.name,
+                topic.message_type,
+                self._time.now if self._simulated else received,
+                data,
+                topic.offered)
         self._waiting.clear()
 
     def _count_dropped(self, topic: _Recorded, number: int) -> None:
@@ -170,15 +177,21 @@ class RecorderNode(BaseNode):
 
     def status(self) -> Status:
         """Return the counts of messages, and the problem if there is one."""
-        now, dropped = time.monotonic(), self._dropped.total()
-        rate = (self._received - self._reported_count) / max(now - self._reported, 1e-3)
-        self._reported_count, self._reported = self._received, now
+        now = time.monotonic()
+        elapsed = max(now - self._reported, 1e-3)
+        rate = (self._received - self._reported_count) / elapsed
+        self._reported_count = self._received
+        self._reported = now
+        dropped = self._dropped.total()
+        values = {
+            'messages': self._recording.counts.total(),
+            'rate [Hz]': rate,
+            'dropped': dropped,
+            **{f'dropped, {topic}': count for topic, count in self._dropped.items()}}
         problem = self.failure or (f'{dropped} messages were dropped' if dropped else '')
-        return Status(
-            ERROR if problem else OK, problem or f'recording to {self._recording.path}', {
-                'messages': sum(self._recording.counts.values()), 'rate [Hz]': rate,
-                'dropped': dropped,
-                **{f'dropped, {topic}': count for topic, count in self._dropped.items()}})
+        if problem:
+            return Status(ERROR, problem, values)
+        return Status(OK, f'recording to {self._recording.path}', values)
 
     def spin(self, executor: Any) -> None:
         """Serve parameters and timers, then record what has come."""
@@ -200,8 +213,9 @@ class RecorderNode(BaseNode):
                 if arrival > begin:
                     break
         pending.sort(key=itemgetter(0))
-        self._pending = [x for x in pending if x[0] > begin]
-        for _, topic, data, info in pending[:len(pending) - len(self._pending)]:
+        taken = bisect_right(pending, begin, key=itemgetter(0))
+        self._pending = pending[taken:]
+        for _, topic, data, info in pending[:taken]:
             self._sent = info.get('source_timestamp') or 0
             self._record(topic, data, info)
 
@@ -243,6 +257,7 @@ class RecorderNode(BaseNode):
         self._write_waiting()
         self._attempt(self._recording.close)
         if self.failure is None:
-            counts, dropped = self._recording.counts.values(), self._dropped.total()
-            text = f'{sum(counts)} messages on {len(counts)} topics'
+            counts = self._recording.counts
+            dropped = self._dropped.total()
+            text = f'{counts.total()} messages on {len(counts)} topics'
             self.get_logger().info(f'{text}, {dropped} dropped' if dropped else text)

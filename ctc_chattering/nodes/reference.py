@@ -163,8 +163,8 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         if now < self._next_attempt:
             return
         velocities = state.velocity or (0.0,) * len(state.position)
-        start = {name: (q, dq) for name, q, dq in zip(
-            state.name, state.position, velocities) if isfinite(q + dq)}
+        samples = zip(state.name, state.position, velocities)
+        start = {name: (q, dq) for name, q, dq in samples if isfinite(q + dq)}
         try:
             self._plan.begin(start, t)
             self._refusal = ''

@@ -261,7 +261,9 @@ def _changes(initial: Mapping[str, Any], final: Mapping[str, Any]) -> dict[str, 
 
 def to_parameter(name: str, value: Any) -> RosParameter:
     """Return a parameter of ROS, where an empty list has no type and becomes ['']."""
-    return RosParameter(name, value=list(value) or [''] if isinstance(value, tuple) else value)
+    if isinstance(value, tuple):
+        value = list(value) or ['']
+    return RosParameter(name, value=value)
 
 
 def _text(value: object) -> str:
@@ -273,5 +275,8 @@ def descriptor(declared: Parameter) -> ParameterDescriptor:
     """Return the descriptor of a parameter, without ranges, which `Config` checks."""
     unit = f' [{declared.unit}]' if declared.unit else ''
     return ParameterDescriptor(
-        name=declared.name, description=declared.meaning + unit, read_only=declared.read_only,
-        additional_constraints=declared.allowed, dynamic_typing=True)
+        name=declared.name,
+        description=declared.meaning + unit,
+        read_only=declared.read_only,
+        additional_constraints=declared.allowed,
+        dynamic_typing=True)

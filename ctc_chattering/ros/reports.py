@@ -89,9 +89,15 @@ def full_report(node: Node, status: Status, statistics: LoopStatistics,
 def diagnostics(node: Node, status: Status) -> DiagnosticArray:
     """Return the message of a status."""
     name = node.get_fully_qualified_name()
+    values = []
+    for key, value in status.values.items():
+        text = f'{value:.4g}' if isinstance(value, float) else str(value)
+        values.append(KeyValue(key=key, value=text))
     array = DiagnosticArray(status=[DiagnosticStatus(
-        level=bytes([status.level]), name=name, message=status.message, hardware_id=name,
-        values=[KeyValue(key=key, value=f'{value:.4g}' if isinstance(value, float) else str(value))
-                for key, value in status.values.items()])])
+        level=bytes([status.level]),
+        name=name,
+        message=status.message,
+        hardware_id=name,
+        values=values)])
     array.header.stamp = node.get_clock().now().to_msg()
     return array

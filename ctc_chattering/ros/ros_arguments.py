@@ -59,7 +59,8 @@ class RosArguments(NamedTuple):
     @property
     def assigned(self) -> set[str]:
         """Names of the parameters that ``-p`` gives."""
-        rules = [_RULE.fullmatch(text) for flag, text in self.parameters if flag != _FILE]
+        texts = [text for flag, text in self.parameters if flag != _FILE]
+        rules = map(_RULE.fullmatch, texts)
         return {rule['name'] for rule in rules if rule}
 
     def values(self, executables: Sequence[str]) -> dict[str, Values]:
@@ -83,8 +84,10 @@ class RosArguments(NamedTuple):
         nodes = {x: remaps.get('__node', remaps.get('__name', x)) for x in executables}
         merged: dict[str, Values] = {executable: {} for executable in executables}
         for flag, text in self.parameters:
-            values = (_read_file(Path(text), f'/{namespace}', nodes) if flag == _FILE
-                      else _read_rule(f'{flag} {text}', text, nodes))
+            if flag == _FILE:
+                values = _read_file(Path(text), f'/{namespace}', nodes)
+            else:
+                values = _read_rule(f'{flag} {text}', text, nodes)
             for executable in values:
                 merged[executable] |= values[executable]
         return merged
@@ -107,9 +110,9 @@ def _read_file(file: Path, namespace: str, nodes: Mapping[str, str]) -> dict[str
         for section, content in sections.items():
             pattern = re.escape(section).replace(r'/\*\*', r'(/\w+)*').replace(r'\*', r'\w+')
             if section == f'/{node}' or re.fullmatch(pattern, full_name):
-                wild = '*' in section.rpartition('/')[2]
-                of_node.setdefault(
-                    parameter_file.EVERY_NODE if wild else executable, {}).update(content)
+                is_wild = '*' in section.rpartition('/')[2]
+                key = parameter_file.EVERY_NODE if is_wild else executable
+                of_node.setdefault(key, {}).update(content)
         if of_node:
             values[executable] = parameter_file.node_values(of_node, executable, str(file))
     if not values:

@@ -23,8 +23,9 @@ from pathlib import Path
 from bags import entries, Entry, nanoseconds, parameters, write_bag
 from ctc_chattering.analysis.result import Replay, ReplayVerdict, Result, simulate
 from ctc_chattering.analysis.signals import SignalOrigin
-from ctc_chattering.bags.reader import read_bag
+from ctc_chattering.bags.reader import _follow_controller, read_bag
 from ctc_chattering.bags.repair import repair
+from ctc_chattering.bags.signals import Signal
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.angles import within_turn
@@ -131,6 +132,21 @@ def test_turns_of_continuous_joints_are_counted(tmp_path: Path, least: float) ->
         x, y = getattr(found, name), getattr(counted, name)
         turns = np.rint((x[0] - y[0]) / (2.0 * np.pi)) if name in ('q', 'q_d') else 0.0
         np.testing.assert_allclose(x - 2.0 * np.pi * turns, y, atol=1e-9, err_msg=name)
+
+
+def test_turns_are_those_of_the_controller_which_counts_anew_after_an_outage() -> None:
+    """It says so in every tenth sample, and not in the outage from sample 100 to 150."""
+    q = np.column_stack([np.linspace(0.0, 20.0, 250), np.zeros(250)])
+    counted = q.copy()
+    counted[125:, 0] -= 2.0 * np.pi
+    sample = np.array([*range(0, 100, 10), *range(150, 250, 10)])
+    error = np.full((len(sample), 2), -0.3)
+    tracking = Signal(sample, sample, (np.hstack([counted[sample] + error, error]),))
+    found = _follow_controller(np.arange(250), q, tracking, (True, False))
+    gap = slice(91, 150)  # Between the samples the outage may be anywhere.
+    np.testing.assert_allclose(np.delete(found, gap, 0), np.delete(counted, gap, 0), atol=1e-12)
+    steps = np.diff(found[:, 0])
+    assert np.flatnonzero(np.abs(steps) > 1.0).size == 1
 
 
 def published(k: int) -> Entry:

@@ -242,8 +242,10 @@ def test_a_way_back_to_the_reference_is_told(tmp_path: Path) -> None:
     found = in_real_time()
     for k in range(0, 1001, 10):
         t, away = START + nanoseconds(1e-3 * k), 0.1 * (300 <= k < 400)
+        names = [f'{joint}/{x}' for x in ('desired', 'error') for joint in ('joint1', 'joint2')]
+        desired = RESULT.run.q_d[k] + [0.0, away]
         found.append(Entry('/controller/tracking', t, joint_state(
-            t, ['joint1/desired', 'joint2/desired'], RESULT.run.q_d[k] + [0.0, away], None, None)))
+            t, names, np.append(desired, desired - RESULT.run.q[k]), None, None)))
     write_bag(tmp_path / 'bag', found)
     result = read_bag(tmp_path / 'bag')
     assert result.off_reference == pytest.approx((0.3, 0.39))

@@ -67,6 +67,32 @@ def test_other_messages_are_left_out(tmp_path: Path, message: Any) -> None:
     assert signal.stamps.tolist() == [10 ** 18, 10 ** 18 + 14]
 
 
+def test_messages_alike_are_read_at_once_to_the_last_bit(tmp_path: Path) -> None:
+    """Check also that a name of the same length, and bytes of another order, are noticed."""
+    messages = [state(k) for k in range(40)]
+    blocks = {
+        'alike': messages,
+        'another name': [*messages, state(40, ['a', 'finger', 'another_name__'])],
+        'another length': [*messages, state(40, [*NAMES, 'one_more'])],
+        'other bytes': [*messages, (JOINT_STATE, serialized(state(40), '>'))]}
+    at_once = {}
+    for case, block in blocks.items():
+        path = tmp_path / case
+        write_bag(path, [Entry('/joint_states', 10 ** 6 * k, x) for k, x in enumerate(block)])
+        with closing(open_bag(path)) as bag:
+            topic = SignalTopic(bag, 'joint_states', JOINT_STATE, ('position', 'velocity'),
+                                tuple(bag.connections))
+            contents = list(bag.read_serialized(bag.connections))
+            at_once[case] = topic._read_alike(contents, JOINTS)
+            one_by_one = topic._read_each(contents, JOINTS)
+            np.testing.assert_equal(topic.read(JOINTS), one_by_one)
+    assert [case for case, signal in at_once.items() if signal is not None] == ['alike']
+    np.testing.assert_equal(at_once['alike'], read(tmp_path / 'bag', messages))
+    found = at_once['alike']
+    assert found is not None and found.stamps.tolist() == [10 ** 18 + 7 * k for k in range(40)]
+    assert found.values[1].tolist() == [[x.velocity[2], x.velocity[0]] for x in messages]
+
+
 def test_a_field_that_a_message_lacks_is_nan(tmp_path: Path) -> None:
     signal = read(tmp_path / 'bag', [
         state(0), joint_state(1, NAMES, np.ones(3), None, None), state(2)])

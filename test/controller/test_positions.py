@@ -234,6 +234,24 @@ def test_after_an_outage_the_way_back_is_the_short_one() -> None:
     assert_short(robot, 300, (MOTION[300][0][0] + 0.2 + TURN, 0.2), MOTION[300])
 
 
+def test_an_outage_on_the_way_back_counts_no_turn() -> None:
+    """The reference is more than half a turn ahead by then, the way back is not."""
+    robot = Robot(False, continuous_joints=JOINTS, law='compensation')
+    robot.loop.take_reference([k * MS for k in range(2000)], [turning(k) for k in range(2000)])
+    pose = 3.0, 0.0
+    for k in (*range(10), *range(210, 600)):
+        robot.silence(k)
+        robot.state(k, pose)
+    assert robot.loop.mode is Mode.RESTARTING
+    assert turning(600)[0][0] - pose[0] > pi
+    robot.silence(630)
+    assert robot.loop.mode is Mode.NO_STATE
+    robot.loop.take_state(JointSample(640 * MS, pose, ZERO), 640 * MS, False)
+    answer = robot.loop.answer(True, 640 * MS)
+    assert answer is not None and answer.state.q == pose
+    assert abs(answer.point[0][0] - pose[0]) < 0.5
+
+
 def test_joints_that_are_turned_while_it_is_disabled_are_no_jump() -> None:
     """Four turns by hand; the next torque leads back by the short way."""
     robot = running()

@@ -316,8 +316,10 @@ def test_with_two_publishers_of_torques_none_is_obeyed_until_one_has_left(comman
     other = commander.probe.node.create_publisher(Float64MultiArray, COMMANDS, 10)
     intrusion = commander.probe.node.create_timer(PERIOD, lambda: other.publish(torques(OTHER)))
     report = commander.until_braked(f'{COMMANDS} {CONTESTED}: /probe')
-    refused = commander.diagnostics.next('plant').refused(COMMANDS)['second_publisher']
-    assert refused > report.refused(COMMANDS)['second_publisher'] > 20
+    before = report.refused(COMMANDS)['second_publisher']
+    assert before > 0
+    commander.diagnostics.until('plant', lambda r: (
+        r.refused(COMMANDS)['second_publisher'] > max(before, 20)), 'refused torques')
     commander.probe.node.destroy_timer(intrusion)
     commander.probe.node.destroy_publisher(other)
     commander.until_well()
