@@ -159,7 +159,7 @@ class Reader:
             if values[index] == self._frame and values[self._count_slice] == self._counts:
                 return LoopMessage(
                     values[0] * NANOSECONDS + values[1] if index else 0, self._names,
-                    [values[row] for row in self._row_slices])
+                    list(map(values.__getitem__, self._row_slices)))
         return self._read_by_ros(data)
 
     def _read_by_ros(self, data: bytes) -> LoopMessage:
