@@ -470,9 +470,9 @@ class Controller:
                 return rows
         except (TypeError, ValueError, OverflowError):
             pass
-        raise CtcError(str(ParameterError(
-            'q, dq, q_d, dq_d, ddq_d, ahead', (q, dq, q_d, dq_d, ddq_d, ahead), f'{self.model.n} numbers each, '
-            f'and {delay} points ahead, as input_delay says')))
+        needed = f'{self.model.n} numbers each, and {delay} points ahead, as input_delay says'
+        values = q, dq, q_d, dq_d, ddq_d, ahead
+        raise CtcError(str(ParameterError('q, dq, q_d, dq_d, ddq_d, ahead', values, needed)))
 
     def try_step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
                  ahead: Sequence[Point] = (), t: int | None = None, at: int | None = None,
