@@ -93,8 +93,10 @@ class CompiledStep(Program):
 
     Attributes
     ----------
+    rows : array, shape (5 + 3 d, n)
+        Measured position [rad] and velocity [rad/s], and the points of the reference.
     points : array, shape (3 (1 + d), n)
-        Reference of the sample.
+        View of these points.
     arm : CompiledArm
         Of the model.
     records : ControlRecords
@@ -105,14 +107,15 @@ class CompiledStep(Program):
     def __init__(self, settings: ControlSettings, law: Any, memories: Memories, transit: Array,
                  arm: ArmNumbers) -> None:
         n = len(settings.zero)
-        self.points = np.zeros((3 + 3 * int(settings.delay), n))
+        self.rows = np.zeros((5 + 3 * int(settings.delay), n))
+        self.points = self.rows[2:]
         self.arm, self._irregularity = CompiledArm(arm, n), REGULAR
         result = packed(ControlOutput(*(settings.zero,) * 8))
         self._output_rows = np.frombuffer(result, float, 8 * n).reshape(8, n)
         self.records = ControlRecords(
             packed(settings), packed(law), packed(memories), packed(REGULAR), *self.arm.model,
             *(self.arm.add_terms() for _ in range(3)),  # type: ignore[call-arg]
-            transit, np.zeros((2, n)), result)
+            transit, self.rows[:2], result)
         super().__init__(self.arm.codes, run_step, (self.records, self.points),
                          f'control-{type(law).__name__}-{n}'.lower())
 
@@ -126,9 +129,14 @@ class CompiledStep(Program):
     def memories(self, memories: Memories) -> None:
         store(self.records.memories, memories)
 
+    @property
+    def law_memory(self) -> Any:
+        """Return the memory of the law after the last sample."""
+        return load(self.records.memories['law'])
+
     def step(self, rows: Array, irregularity: SampleIrregularity) -> list[list[float]]:
-        """Return the `ControlOutput` of a sample, shape (8, n)."""
-        self.records.measured[:], self.points[:] = rows[:2], rows[2:]
+        """Go on by a sample, and return its `ControlOutput`, shape (8, n)."""
+        self.rows[:] = rows
         if irregularity is not self._irregularity:
             self._irregularity = irregularity
             store(self.records.irregularity, irregularity)

@@ -22,9 +22,8 @@ laws, resets, and answers states that come late or not at all.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from enum import auto, Enum
-from itertools import chain, islice
 from math import isfinite
 from typing import Any, NamedTuple
 
@@ -55,6 +54,9 @@ from ctc_chattering.trajectory.buffer import Point
 import numpy as np
 
 __all__ = ['Controller', 'ControllerConfig', 'Sample']
+
+#: Errors of a step that leaves the range of numbers: 1 / 0, sin(inf).
+_OUT_OF_RANGE = (ArithmeticError, ValueError, np.linalg.LinAlgError)
 
 
 class Sample(NamedTuple):
@@ -93,6 +95,11 @@ class Sample(NamedTuple):
     compensation: Vector
     robust: Vector
     saturation_error: Vector | None
+
+    @property
+    def is_finite(self) -> bool:
+        """Return whether torque and filtered error are in the range of numbers."""
+        return isfinite(sum(self.tau) + sum(self.v))
 
 
 class Phase(Enum):
@@ -314,7 +321,9 @@ class Controller:
     @property
     def stability(self) -> Stability:
         """Return the stability that the law reports."""
-        return self.law.stability(self.memories.law)
+        stepper = self._stepper
+        memory = self._memories.law if stepper is None else stepper.law_memory
+        return self.law.stability(memory)
 
     def _begin(self, rows: Array) -> None:
         """Begin as the phase says."""
@@ -388,6 +397,9 @@ class Controller:
 
         The stamp of the state is `t` [ns].
         """
+        stamp = self._stamp
+        if stamp is None or (t - stamp == self._period and not self._offset):
+            return t
         return t - self._locate(t)[1]
 
     def _locate(self, t: int) -> tuple[int, int]:
@@ -421,9 +433,12 @@ class Controller:
         rows = self._rows(zero, zero, q_d, dq_d, ddq_d, ahead)
         if self._stamp is None or self._phase is Phase.HANDOVER:
             return None
-        for k in range(periods - 1, -1, -1):
-            sample = self._finite(self._predict, rows, -k * self._period, k > 0)
-        return sample
+        try:
+            for k in range(periods - 1, -1, -1):
+                sample = self._predict(rows, -k * self._period, k > 0)
+        except _OUT_OF_RANGE:
+            return None
+        return sample if sample.is_finite else None
 
     def _predict(self, rows: Array, reference_offset: int, keeps_torque: bool) -> Sample:
         """Go on by a period without a state."""
@@ -477,16 +492,18 @@ class Controller:
         Their shape is (5 + 3 d, n). Other input raises `CtcError`.
         """
         delay = self.config.input_delay
-        vectors = q, dq, q_d, dq_d, ddq_d
+        vectors = [q, dq, q_d, dq_d, ddq_d]
         try:
-            rows = np.array((*vectors, *islice(chain.from_iterable(ahead), 3 * delay)), float)
+            for point in ahead[:delay]:
+                vectors += point
+            rows = np.array(vectors, float)
             if rows.shape == (5 + 3 * delay, self.model.n):
                 return rows
         except (TypeError, ValueError, OverflowError):
             pass
-        allowed = (f'{self.model.n} numbers each, and {delay} points ahead, as input_delay says')
-        raise CtcError(str(ParameterError(
-            'q, dq, q_d, dq_d, ddq_d, ahead', (*vectors, ahead), allowed)))
+        needed = f'{self.model.n} numbers each, and {delay} points ahead, as input_delay says'
+        values = q, dq, q_d, dq_d, ddq_d, ahead
+        raise CtcError(str(ParameterError('q, dq, q_d, dq_d, ddq_d, ahead', values, needed)))
 
     def try_step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
                  ahead: Sequence[Point] = (), t: int | None = None, at: int | None = None,
@@ -496,16 +513,11 @@ class Controller:
 
         None is for a step that leaves the range of numbers. The law must then be `reset`.
         """
-        return self._finite(self.step, q, dq, q_d, dq_d, ddq_d, ahead, t, at, late)
-
-    @staticmethod
-    def _finite(step: Callable[..., Sample], *arguments: Any) -> Sample | None:
-        """Return the sample of a step, if it is finite."""
         try:
-            sample = step(*arguments)
-        except (ArithmeticError, ValueError, np.linalg.LinAlgError):  # 1 / 0, sin(inf)
+            sample = self.step(q, dq, q_d, dq_d, ddq_d, ahead, t, at, late)
+        except _OUT_OF_RANGE:
             return None
-        return sample if isfinite(sum(sample.tau) + sum(sample.v)) else None
+        return sample if sample.is_finite else None
 
     def lyapunov(self, q: Vector, v: Vector) -> float:
         """Return V = ½ vᵀ M v of (9) [J]."""

@@ -157,6 +157,11 @@ class PlainStep:
         self.memories, self._law = memories, law
         self._fixed = settings, Models(model, model, model), transit
 
+    @property
+    def law_memory(self) -> Any:
+        """Return the memory of the law after the last sample."""
+        return self.memories.law
+
     def step(self, rows: Array, irregularity: SampleIrregularity) -> list[list[float]]:
         """
         Return the `ControlOutput` of a sample, shape (8, n).

@@ -125,4 +125,4 @@ class DesiredMotion(Trajectory):
             if t < self.way_back.end:
                 return [self.way_back.at(t + lag) for lag in self._lags]
             self.way_back = None
-        return cast('list[Point]', points)
+        return points  # type: ignore[return-value]  # After the first one, none is unknown.

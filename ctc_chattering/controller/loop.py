@@ -305,7 +305,7 @@ class ControlLoop:
             return None
         if not simulated and self._trip_if_slow(self._answers.total, self._answers.window):
             return None
-        steps_are_slow = self._steps_are_slow
+        steps_are_slow = not simulated and self._steps_are_slow
         # Before the first torque the cause of a motion is unknown. It may be a brake.
         late = 0 if simulated or steps_are_slow or self._held is None else (
             self.lost_states.periods_since(self._stamps.arrival(state.t), now))
@@ -427,11 +427,11 @@ class ControlLoop:
     @property
     def _steps_are_slow(self) -> bool:
         """
-        Return whether steps are too slow for lost states.
+        Return whether steps are too slow for lost states, in real time.
 
         The law then goes on by one period a state.
         """
-        return not self.simulated and min(self.computing_times, default=0) > self.period
+        return min(self.computing_times, default=0) > self.period
 
     def due(self) -> int | None:
         """

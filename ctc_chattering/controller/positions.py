@@ -132,10 +132,12 @@ class PositionTracker:
 
     def follow(self, state: JointSample) -> JointSample:
         """Return a state with whole turns added to its positions."""
-        return state if self.last is None else self._follow(self.last, state)
+        if self.last is None or not any(self.continuous):
+            return state
+        return self._follow(self.last, state)
 
     def _follow(self, previous: JointSample, state: JointSample) -> JointSample:
-        if not any(self.continuous):
+        if not self.continuous:
             return state
         h = seconds(state.t - previous.t)
         return state._replace(q=[

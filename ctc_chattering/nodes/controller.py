@@ -47,7 +47,7 @@ from ctc_chattering.controller.status import loop_status
 from ctc_chattering.controller.trips import check_change, missing_limits
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
-from ctc_chattering.numerics.time_grid import nanoseconds, seconds
+from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.ros.loop_node import LoopNode
 from ctc_chattering.ros.messages import (
     effort_writer,
@@ -56,6 +56,8 @@ from ctc_chattering.ros.messages import (
     raw_sender,
     state_reader,
     state_writer,
+    TrajectoryMessage,
+    TrajectoryReader,
     Writer,
 )
 from ctc_chattering.ros.reports import ERROR, Status
@@ -148,7 +150,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         """
         if len(self.inputs) == 1 and not self._loop.rehearses:
             self.inputs.append(ValidatedSubscription(
-                self, JointTrajectory, REFERENCE, self._on_reference, qos()))
+                self, JointTrajectory, REFERENCE, self._on_reference, qos(), TrajectoryReader()))
 
     @property
     def in_real_time(self) -> bool:
@@ -160,17 +162,14 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         waits = self.problem or f'waits for {JOINT_STATES} and {REFERENCE}'
         return f'law {self.config.law}, {1 / self.config.control_period:g} Hz; {waits}'
 
-    def _on_reference(self, chunk: JointTrajectory, now: int) -> None:
+    def _on_reference(self, chunk: TrajectoryMessage, now: int) -> None:
         rows: list[tuple[float, ...]] = []
-        if chunk.points or chunk.joint_names:
-            rows = select(self._names, chunk.joint_names, *(
-                row for point in chunk.points
-                for row in (point.positions, point.velocities, point.accelerations)))
-        start = nanoseconds(chunk.header.stamp)
-        times = [start + nanoseconds(point.time_from_start) for point in chunk.points]
-        if any(second <= first for first, second in pairwise([start - 1, *times])):
+        if chunk.rows or chunk.names:
+            rows = select(self._names, chunk.names, *chunk.rows)
+        if any(second <= first for first, second in pairwise([-1, *chunk.offsets])):
             raise RejectedMessage('times', (
                 'points whose times do not increase, or with a negative time_from_start'))
+        times = [chunk.t + offset for offset in chunk.offsets]
         self._loop.take_reference(times, list(zip(rows[::3], rows[1::3], rows[2::3])))
         self._answer(now)
 

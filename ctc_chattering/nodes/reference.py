@@ -199,7 +199,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
                 return
             self.parameters.announce(in_force)
         for begin, points in self._schedule.chunks():
-            self._publisher.publish(self._writer.fill(begin, points))
+            self._publisher.publish(self._writer.write(begin, points))
 
 
 def _description(followed: Followed) -> str:

@@ -23,7 +23,7 @@ field.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 import importlib
 import os
 from pathlib import Path
@@ -32,7 +32,9 @@ from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Duration, Time
 from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, seconds
+import numpy as np
 import rclpy
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message, serialize_message
@@ -46,6 +48,10 @@ Point = tuple[Sequence[float], Sequence[float], Sequence[float]]
 LATEST = (2 ** 31 - 3600) * NANOSECONDS
 #: A number by which rows are found: what ROS appends to a message it does not say.
 MARK = 1.234567890123456e-67
+#: Bytes before the content of a message in CDR.
+_CDR_HEADER = 4
+#: Bytes behind the accelerations of a `JointTrajectoryPoint`: count of efforts, and time.
+_END_OF_POINT = 12
 #: A stamp in CDR: seconds and nanoseconds.
 _STAMP = struct.Struct('<iI')
 
@@ -92,7 +98,7 @@ def read_stamp(data: bytes) -> int:
         If this is no message, or an incomplete one.
 
     """
-    sec, nanosec = struct.unpack_from({0: '>iI', 1: '<iI'}[data[1]], data, 4)
+    sec, nanosec = struct.unpack_from({0: '>iI', 1: '<iI'}[data[1]], data, _CDR_HEADER)
     t: int = sec * NANOSECONDS + nanosec
     if not (0 <= t <= LATEST and nanosec < NANOSECONDS):
         raise CtcError(f'{sec} s and {nanosec} ns are no time; allowed: 0 s to '
@@ -153,7 +159,7 @@ class Reader:
             if values[index] == self._frame and values[self._count_slice] == self._counts:
                 return LoopMessage(
                     values[0] * NANOSECONDS + values[1] if index else 0, self._names,
-                    [values[row] for row in self._row_slices])
+                    list(map(values.__getitem__, self._row_slices)))
         return self._read_by_ros(data)
 
     def _read_by_ros(self, data: bytes) -> LoopMessage:
@@ -214,7 +220,7 @@ class Writer:
     def write(self, *rows: Sequence[float], t: int | None = None) -> bytes:
         """Return the message with `rows` and stamp `t` [ns]."""
         if t is not None:
-            _STAMP.pack_into(self._data, 4, *divmod(t, NANOSECONDS))
+            _STAMP.pack_into(self._data, _CDR_HEADER, *divmod(t, NANOSECONDS))
         values = [*rows[0]]
         for row in rows[1:]:
             values += (len(row), *row)
@@ -247,9 +253,116 @@ def effort_writer(names: Sequence[str]) -> Writer:
         layout=MultiArrayLayout(dim=labels), data=[MARK] * len(names)), [len(names)])
 
 
+class TrajectoryMessage(NamedTuple):
+    """
+    Content of a `JointTrajectory`.
+
+    Attributes
+    ----------
+    t : int
+        Stamp [ns].
+    names : tuple of str
+        The joints.
+    offsets : sequence of int
+        Time from the stamp to each point [ns].
+    rows : sequence of sequence of float
+        Position, velocity and acceleration of the first point, then of the next ones.
+
+    """
+
+    t: int
+    names: tuple[str, ...]
+    offsets: Sequence[int]
+    rows: Sequence[Sequence[float]]
+
+
+def _doubles(data: bytes | bytearray) -> Array:
+    """Return all doubles that may be in a message, aligned as CDR has them."""
+    return np.frombuffer(data, float, (len(data) - _CDR_HEADER) // 8, _CDR_HEADER)
+
+
+class TrajectoryFrame:
+    """
+    A serialized `JointTrajectory` whose stamp and numbers are replaced.
+
+    Parameters
+    ----------
+    message : JointTrajectory
+        Its joints and times, no efforts. The numbers of its points are lost.
+
+    Attributes
+    ----------
+    size : int
+        Length of the message in bytes.
+
+    """
+
+    def __init__(self, message: JointTrajectory) -> None:
+        row = [MARK] * len(message.joint_names)
+        for point in message.points:
+            point.positions = point.velocities = point.accelerations = row
+        data = serialize_message(message)
+        self._indices = np.flatnonzero(_doubles(data) == MARK)
+        # As in a `Writer`, rclpy leaves bytes behind the message.
+        self.size = _CDR_HEADER + 8 * (int(self._indices[-1]) + 1) + _END_OF_POINT
+        self._data = bytearray(data[:self.size])
+        self._doubles = _doubles(self._data)
+
+    def fill(self, t: int, numbers: Array) -> bytes:
+        """Return the message with all numbers of its points, from `t` [ns] on."""
+        _STAMP.pack_into(self._data, _CDR_HEADER, *divmod(t, NANOSECONDS))
+        self._doubles[self._indices] = numbers
+        return bytes(self._data)
+
+    def numbers(self, data: bytes) -> Array:
+        """Return all numbers of the points in another message of this frame."""
+        numbers: Array = _doubles(data)[self._indices]
+        return numbers
+
+
+class TrajectoryReader:
+    """
+    Reads `JointTrajectory` messages.
+
+    ROS reads a message. The next one is of the same frame if its numbers in that frame give the
+    same bytes, and then needs no ROS.
+    """
+
+    def __init__(self) -> None:
+        self._frame: TrajectoryFrame | None = None
+        self._last: TrajectoryMessage
+
+    def __call__(self, data: bytes) -> TrajectoryMessage:
+        """Return the content of a message, or raise `RuntimeError`."""
+        frame = self._frame
+        if frame is None or len(data) != frame.size:
+            return self._read_by_ros(data)
+        sec, nanosec = _STAMP.unpack_from(data, _CDR_HEADER)
+        t = sec * NANOSECONDS + nanosec
+        numbers = frame.numbers(data)
+        if frame.fill(t, numbers) != data:
+            return self._read_by_ros(data)
+        rows = numbers.reshape(-1, len(self._last.names)).tolist()
+        return self._last._replace(t=t, rows=rows)
+
+    def _read_by_ros(self, data: bytes) -> TrajectoryMessage:
+        """Return the content of a message, and remember its frame."""
+        message = deserialize_message(data, JointTrajectory)
+        rows = [row for point in message.points
+                for row in (point.positions, point.velocities, point.accelerations)]
+        content = self._last = TrajectoryMessage(
+            nanoseconds(message.header.stamp), tuple(message.joint_names),
+            [nanoseconds(point.time_from_start) for point in message.points], rows)
+        n = len(content.names)
+        has_frame = n and {len(row) for row in rows} == {n} and not any(
+            len(point.effort) for point in message.points)
+        self._frame = TrajectoryFrame(message) if has_frame else None
+        return content
+
+
 class TrajectoryWriter:
     """
-    Fills one `JointTrajectory` again and again.
+    Writes `JointTrajectory` messages of equal length.
 
     Parameters
     ----------
@@ -261,15 +374,13 @@ class TrajectoryWriter:
     """
 
     def __init__(self, names: Sequence[str], period: int, count: int) -> None:
-        self._message = JointTrajectory(joint_names=names)
+        message = JointTrajectory(joint_names=names)
         for k in range(count):
             sec, nanosec = divmod(k * period, NANOSECONDS)
-            self._message.points.append(JointTrajectoryPoint(
+            message.points.append(JointTrajectoryPoint(
                 time_from_start=Duration(sec=sec, nanosec=nanosec)))
+        self._frame = TrajectoryFrame(message)
 
-    def fill(self, t: int, points: Iterable[Point]) -> JointTrajectory:
+    def write(self, t: int, points: Sequence[Point]) -> bytes:
         """Return the message with `points` from `t` [ns] on."""
-        self._message.header.stamp = stamp(t)
-        for target, point in zip(self._message.points, points, strict=True):
-            target.positions, target.velocities, target.accelerations = point
-        return self._message
+        return self._frame.fill(t, np.array(points, float).reshape(-1))

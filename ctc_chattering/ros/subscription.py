@@ -88,6 +88,8 @@ class MatchingSubscription:
     ----------
     current : Subscription
         The subscription of rclpy.
+    handle : object
+        Its handle, whose methods take less time.
     destroyed : bool
         Whether it was destroyed. A callback may still be called afterwards.
 
@@ -100,7 +102,7 @@ class MatchingSubscription:
         self._raw = raw
         self._profile = profile
         self.destroyed = False
-        self.current = self._subscribe()
+        self._subscribe()
         self._timer = node.create_timer(
             _MATCH_PERIOD_S, self.match, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -115,7 +117,7 @@ class MatchingSubscription:
             self._profile = copy.copy(self._profile)
             self._profile.reliability = ReliabilityPolicy.BEST_AVAILABLE
             self._profile.durability = DurabilityPolicy.BEST_AVAILABLE
-            self.current = self._subscribe()
+            self._subscribe()
 
     def destroy(self) -> None:
         """Receive nothing any more."""
@@ -123,12 +125,13 @@ class MatchingSubscription:
         self._node.destroy_timer(self._timer)
         self._node.destroy_subscription(self.current)
 
-    def _subscribe(self) -> Any:
+    def _subscribe(self) -> None:
         message_class, topic, callback = self._arguments
         # Destroying a subscription that has callbacks for events can crash: rclpy#1644.
-        return self._node.create_subscription(
+        self.current = self._node.create_subscription(
             message_class, topic, callback, self._profile, raw=self._raw,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False))
+        self.handle: Any = self.current.handle
 
 
 T = TypeVar('T')
@@ -219,7 +222,7 @@ class ValidatedSubscription(Generic[T]):
             return  # The executor had taken the message before.
         newer = self._take_waiting() if self.newest else None
         now = time.monotonic_ns()
-        publishers = self.subscription.current.handle.get_publisher_count()
+        publishers = self.subscription.handle.get_publisher_count()
         if publishers != self.ownership.publishers:
             self.ownership.update(publishers, time.time_ns())
         if newer:
@@ -232,10 +235,10 @@ class ValidatedSubscription(Generic[T]):
 
     def _take_waiting(self) -> list[tuple[bytes, Mapping[str, Any]]]:
         """Return the waiting messages, at most `depth`."""
-        current = self.subscription.current
+        handle, message_class = self.subscription.handle, self.subscription.current.msg_type
         waiting: list[tuple[bytes, Mapping[str, Any]]] = []
         while len(waiting) < self._depth and (
-                taken := current.handle.take_message(current.msg_type, True)) is not None:
+                taken := handle.take_message(message_class, True)) is not None:
             waiting.append(taken)
         return waiting
 

@@ -124,7 +124,7 @@ def select(ours: Sequence[str], names: Sequence[str], *rows: Sequence[float]
             lengths = sorted({len(row) for row in rows})
             raise RejectedMessage('length', (
                 f'{" or ".join(map(str, lengths))} values for {n} joints'))
-    values = [tuple(row) for row in rows]
+    values = list(map(tuple, rows))
     if not same_names:
         order = [names.index(name) for name in ours]
         values = [tuple([row[i] for i in order]) for row in values]

@@ -35,7 +35,7 @@ from ctc_chattering.dynamics.payload import with_payload
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Array, Vector
-from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
+from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, samples, seconds
 from ctc_chattering.simulation.coordinates import ElasticJoints, RigidJoints
 from ctc_chattering.simulation.drive import Driven, Drives
 from ctc_chattering.simulation.friction import Friction, own_friction
@@ -240,7 +240,7 @@ class Plant:
     @property
     def t(self) -> float:
         """Time of the present sample [s]."""
-        return seconds(self.k * self.period_ns)
+        return self.k * self.period_ns / NANOSECONDS
 
     @property
     def stamp(self) -> int:

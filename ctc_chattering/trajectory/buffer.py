@@ -148,9 +148,8 @@ class Trajectory:
 
     def overdue(self, t: int) -> bool:
         """Return whether the next chunk is late at `t` [ns]."""
-        if not self._times or self.ends_at_rest:
-            return False
-        return t > self._times[-1] + self.grace
+        is_late = bool(self._times) and t > self._times[-1] + self.grace
+        return is_late and not self.ends_at_rest
 
     def extend(self, times: Sequence[int], points: Sequence[Point]) -> None:
         """

@@ -38,6 +38,7 @@ from ctc_chattering.ros.messages import (
     stamp,
     state_reader,
     state_writer,
+    TrajectoryReader,
     TrajectoryWriter,
 )
 from ctc_chattering.ros.topics import select
@@ -73,12 +74,10 @@ def used(kind: Any, data: bytes, ours: Sequence[str]) -> list[tuple[float, ...]]
     if kind is not JointTrajectory:
         m = (state_reader if kind is JointState else effort_reader)()(data)
         return select(ours, m.names or ours, *m.rows[:2])
-    m = deserialize_message(data, kind)
-    rows = [row for x in m.points for row in (x.positions, x.velocities, x.accelerations)]
-    times = [ns(x.time_from_start) for x in m.points]
-    if times != sorted(set(times)):
+    content = TrajectoryReader()(data)
+    if list(content.offsets) != sorted(set(content.offsets)):
         raise RejectedMessage('times')
-    return select(ours, m.joint_names, *rows)
+    return select(ours, content.names, *content.rows)
 
 
 @pytest.mark.parametrize('index', range(4))
@@ -184,10 +183,48 @@ def test_messages_of_one_frame_and_others_between(names: tuple[str, ...]) -> Non
             read(data[:dice.randrange(12)])
 
 
+@pytest.mark.parametrize('names', NAMES)
+def test_trajectories_of_one_frame_and_others_between(names: tuple[str, ...]) -> None:
+    """Check what is read of each against ROS, whichever came before."""
+    read, dice = TrajectoryReader(), random.Random(len(names))
+    for k in range(80):
+        ours = dice.choice((names, names, names, names[::-1], names[1:], ('x', 'y')))
+        period = dice.choice((1, 1, 1, 2))
+        points = [
+            ([[dice.choice(ODD) if dice.random() < 0.3 else dice.gauss(0.0, 1.0) for _ in ours]
+              for _ in range(3)], 0, i * period)
+            for i in range(dice.choice((3, 3, 3, 1, 0)))]
+        if points and k % 7 == 0:
+            points[-1][0][dice.randrange(3)] = [1.0] * dice.choice((0, 1, len(ours) + 1))
+        data = chunk(ours, points, (k - 3, k)) + bytes(dice.choice((0, 0, 0, 4, 8)))
+        message, content = deserialize_message(data, JointTrajectory), read(data)
+        assert content.t == ns(message.header.stamp)
+        assert content.names == tuple(message.joint_names)
+        assert list(content.offsets) == [ns(x.time_from_start) for x in message.points]
+        assert list(map(bits, content.rows)) == [bits(row) for x in message.points for row in (
+            x.positions, x.velocities, x.accelerations)]
+        with pytest.raises(RuntimeError, match='deserialize'):
+            read(data[:dice.randrange(12)])
+
+
+def test_a_trajectory_of_a_known_frame_needs_no_ros(monkeypatch: pytest.MonkeyPatch) -> None:
+    read = TrajectoryReader()
+    frame = [([[0.5, 1.0]] * 3, 0, k) for k in range(3)]
+    read(chunk(('a', 'b'), frame, (1, 2)))
+    monkeypatch.setattr('ctc_chattering.ros.messages.deserialize_message', None)
+    later = [([[k + 0.1, k - 0.1]] * 3, 0, k) for k in range(3)]
+    content = read(chunk(('a', 'b'), later, (3, 4)))
+    assert (content.t, content.offsets) == (3_000_000_004, [0, 1, 2])
+    assert content.rows == [row for rows, _, _ in later for row in rows]
+
+
 def test_writers_take_no_other_number_of_joints() -> None:
     for row in ([], [1.0], [1.0, 2.0, 3.0]):
         with pytest.raises(struct.error):
             effort_writer(['a', 'b']).write(row)
+    for count in (2, 4):
+        with pytest.raises(ValueError, match='shape'):
+            TrajectoryWriter(['a', 'b'], 1, 3).write(0, [([1.0, 2.0],) * 3] * count)
 
 
 def test_the_stamp_at_the_beginning() -> None:
@@ -210,8 +247,10 @@ def test_the_stamp_at_the_beginning() -> None:
 def test_a_trajectory_that_is_sent() -> None:
     points: list[Point] = [([1.5 + k] * 3, [0.1 * k] * 3, [1.5 - k] * 3) for k in range(25)]
     writer = TrajectoryWriter(('x', 'yy', 'zzz'), 700_000_000, len(points))
-    writer.fill(5, [([0.0] * 3,) * 3] * len(points))
-    message = writer.fill(3_200_000_001, points)
+    writer.write(5, [([0.0] * 3,) * 3] * len(points))
+    data = writer.write(3_200_000_001, points)
+    message = deserialize_message(data, JointTrajectory)
+    assert len(data) == len(chunk(message.joint_names, [(point, 0, 0) for point in points]))
     assert tuple(message.joint_names) == ('x', 'yy', 'zzz')
     assert ns(message.header.stamp) == 3_200_000_001
     assert [(ns(x.time_from_start), bits(x.positions), bits(x.velocities),
