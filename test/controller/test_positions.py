@@ -242,7 +242,8 @@ def test_an_outage_on_the_way_back_counts_no_turn() -> None:
     for k in (*range(10), *range(210, 600)):
         robot.silence(k)
         robot.state(k, pose)
-    assert robot.loop.mode is Mode.RESTARTING
+    mode_on_the_way_back = robot.loop.mode
+    assert mode_on_the_way_back is Mode.RESTARTING
     assert turning(600)[0][0] - pose[0] > pi
     robot.silence(630)
     assert robot.loop.mode is Mode.NO_STATE
