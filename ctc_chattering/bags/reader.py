@@ -255,13 +255,14 @@ def _follow_controller(
     It counts them anew after an outage, and says so by its desired position and error. Before and
     after the outage, the nearest of its samples counts.
     """
-    tracking = tracking.select(np.argsort(tracking.stamps, kind='stable'))
-    desired, error = np.hsplit(tracking.values[0], 2)
-    sample = np.searchsorted(stamps, tracking.stamps).clip(max=len(stamps) - 1)
+    instants, row, sample = np.intersect1d(stamps, tracking.stamps, return_indices=True)
+    if not len(instants):
+        return q
+    desired, error = np.hsplit(tracking.values[0][sample], 2)
     measured = desired - error
-    turns = np.rint((measured - q[sample]) / TURN)
+    turns = np.rint((measured - q[row]) / TURN)
     turns[:, np.invert(continuous)] = 0.0
-    middle = (tracking.stamps[1:] + tracking.stamps[:-1]) // 2
+    middle = (instants[1:] + instants[:-1]) // 2
     nearest = np.searchsorted(middle, stamps)
     positions: Array = q + TURN * turns[nearest]
     return positions

@@ -246,7 +246,8 @@ def test_an_outage_on_the_way_back_counts_no_turn() -> None:
     assert mode_on_the_way_back is Mode.RESTARTING
     assert turning(600)[0][0] - pose[0] > pi
     robot.silence(630)
-    assert robot.loop.mode is Mode.NO_STATE
+    assert robot.loop.health.restarts == 1
+    assert not robot.loop.mode.sends_torque
     robot.loop.take_state(JointSample(640 * MS, pose, ZERO), 640 * MS, False)
     answer = robot.loop.answer(True, 640 * MS)
     assert answer is not None and answer.state.q == pose
