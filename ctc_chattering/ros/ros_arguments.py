@@ -75,11 +75,7 @@ class RosArguments(NamedTuple):
             For a file that is no parameter file.
 
         """
-        remaps: dict[str, str] = {}
-        for flag, remap in pairwise(self.for_ros):
-            if flag in ('-r', '--remap'):
-                origin, _, target = remap.partition(':=')
-                remaps.setdefault(origin.rpartition(':')[2], target)  # The first one wins in ROS.
+        remaps = self._remaps()
         namespace = remaps.get('__ns', '').strip('/')
         nodes = {executable: remaps.get('__node', remaps.get('__name', executable))
                  for executable in executables}
@@ -92,6 +88,15 @@ class RosArguments(NamedTuple):
             for executable in values:
                 merged[executable] |= values[executable]
         return merged
+
+    def _remaps(self) -> dict[str, str]:
+        """Return the remaps by name, without the prefix of a node."""
+        remaps: dict[str, str] = {}
+        for flag, remap in pairwise(self.for_ros):
+            if flag in ('-r', '--remap'):
+                origin, _, target = remap.partition(':=')
+                remaps.setdefault(origin.rpartition(':')[2], target)  # The first one wins in ROS.
+        return remaps
 
 
 def _read_file(file: Path, namespace: str, nodes: Mapping[str, str]) -> dict[str, Values]:
@@ -109,8 +114,7 @@ def _read_file(file: Path, namespace: str, nodes: Mapping[str, str]) -> dict[str
         full_name = f'{namespace.rstrip("/")}/{node}'
         of_node: dict[str, Values] = {}
         for section, content in sections.items():
-            pattern = re.escape(section).replace(r'/\*\*', r'(/\w+)*').replace(r'\*', r'\w+')
-            if section == f'/{node}' or re.fullmatch(pattern, full_name):
+            if section == f'/{node}' or _section_matches(section, full_name):
                 is_wild = '*' in section.rpartition('/')[2]
                 key = parameter_file.EVERY_NODE if is_wild else executable
                 of_node.setdefault(key, {}).update(content)
@@ -121,6 +125,12 @@ def _read_file(file: Path, namespace: str, nodes: Mapping[str, str]) -> dict[str
             f'{_FILE} {file}: no section is for {" or ".join(nodes.values())} in namespace '
             f'{namespace}; there is {", ".join(sections)}')
     return values
+
+
+def _section_matches(section: str, full_name: str) -> bool:
+    """Return true if a section, which may have wildcards, is for a node."""
+    pattern = re.escape(section).replace(r'/\*\*', r'(/\w+)*').replace(r'\*', r'\w+')
+    return re.fullmatch(pattern, full_name) is not None
 
 
 def _read_assignment(argument: str, assignment: str, nodes: Mapping[str, str]
