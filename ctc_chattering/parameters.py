@@ -46,7 +46,7 @@ PerJoint = tuple[float, ...]
 #: Annotation of a parameter with strings.
 Strings = tuple[str, ...]
 
-#: Least magnitude of a number that must not be 0. Less is no gain, time, torque or length.
+#: Least magnitude of a number that must not be 0. Less is refused like 0.
 LEAST = 1e-9
 #: Largest magnitude of a finite number. Products of larger ones leave the range of floats.
 LARGEST = 1e9
@@ -54,7 +54,7 @@ LARGEST = 1e9
 _LARGEST_INTEGER = 2 ** 62
 #: Name of a class of the user's: ``package.module:Name``.
 OWN_CLASS = re.compile(r'[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*')
-#: Kinds of the annotations that are not themselves a kind.
+#: Kind by annotation, where the annotation is not itself a kind.
 _KINDS = {'PerJoint': 'float[]', 'Strings': 'str[]'}
 #: Shapes that annotations imply.
 _SHAPES = {'PerJoint': 'n'}
@@ -284,8 +284,8 @@ def parameter(default: Any, description: str, unit: str = '', **attributes: Any)
         As in `Parameter`.
     **attributes
         Other attributes of `Parameter`. By default the name is that of the field, and the kind
-        that of its annotation. A number is at least 0, and infinity is a value if it is the
-        default. A list of numbers has one per joint.
+        that of its annotation. Unlike in `Parameter`, the minimum is 0 unless given. Infinity is a
+        value if it is the default. A list of numbers has one per joint.
 
     """
     return dataclasses.field(default=None, metadata={
@@ -317,6 +317,7 @@ class Config:
             specs += vars(base)['_declared'].values()
         for name, field in vars(cls).items():
             if isinstance(field, dataclasses.Field):
+                # A string, by the import of annotations from __future__.
                 annotation = cls.__annotations__[name]
                 defaults = {'name': name, 'kind': _KINDS.get(annotation, annotation),
                             'shape': _SHAPES.get(annotation, '')}
@@ -375,9 +376,9 @@ class Config:
     def received(cls: type[C], values: Mapping[str, object],
                  classes: Mapping[str, object] | None = None) -> C:
         """
-        Build the configuration from values that name no code.
+        Build the configuration from untrusted values.
 
-        They are from a bag or from another process.
+        They are from a bag or from another process, and may not name code.
 
         Parameters
         ----------
@@ -480,12 +481,12 @@ def check_not_empty(name: str, values: Sequence[object]) -> None:
         raise ParameterError(name, values, 'one or more')
 
 
-def whole(name: str, value: object, minimum: float = -math.inf) -> int:
+def checked_integer(name: str, value: object, minimum: float = -math.inf) -> int:
     """Return a whole number, or raise `ParameterError`."""
     return int(Parameter(name, 'int', None, '', minimum=minimum).checked(value))
 
 
-def vector(name: str, values: Any, n: int) -> npt.NDArray[np.float64]:
+def checked_vector(name: str, values: Any, n: int) -> npt.NDArray[np.float64]:
     """Return `n` numbers as an array, or raise `ParameterError`."""
     with suppress(TypeError, ValueError, OverflowError):
         result = np.array(values, float)

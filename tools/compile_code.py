@@ -18,7 +18,7 @@ from multiprocessing import get_context
 
 from ctc_chattering.compiled.build import build
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.compilation import missing
+from ctc_chattering.configuration.compilation import uncompiled_codes
 
 
 def compile_plant() -> None:
@@ -36,7 +36,7 @@ if __name__ == '__main__':
     plant.start()
     # In one process, where a part of several functions is looked at once, these take two thirds
     # of the processor's time that they take in one each.
-    for code in missing(parameter_file.load(None, {'controller': values}) for values in (
+    for code in uncompiled_codes(parameter_file.load(None, {'controller': values}) for values in (
             {}, {'law': 'compensation'}, {'law': 'observer_feedback'},
             {'switching': 'implicit_observer'})):
         build(code)

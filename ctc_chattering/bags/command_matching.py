@@ -15,8 +15,8 @@
 """
 Matching of recorded commands with their states.
 
-A command has no stamp, only the time at which it was recorded. `match_commands` is called with the
-columns of a bag, by `bags/reader.py` for runs and `identification/bag_motion.py` for any robot.
+A command has no stamp, only the time at which it was recorded. `bags/recorded_law.py` calls
+`match_commands` with the columns of a bag for runs, `identification/bag_motion.py` for any robot.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class Answers(NamedTuple):
     command : ndarray, shape (N, n)
         Torque in force after each state [N·m], nan where it is unknown.
     late : tuple of (float, float)
-        Least and largest delay of the commands beyond their rows [samples].
+        Bounds on the delay of the commands relative to their rows [samples].
     is_own : ndarray of bool, shape (N,)
         A single command answers this state, or several that are equal.
 
@@ -124,8 +124,9 @@ def match_commands(values: Array, times: Indices, stamps: Indices, received: Ind
     Return the commands in the rows of their states.
 
     A command answers the state that it follows by about the usual time, less than a period.
-    Where each sample has one command, they are matched one by one. Single late messages then do
-    not matter, nor how long answers take in lockstep. The times only tell the first state.
+    Where each sample has one command, they are matched one by one. The times only tell the first
+    state. Single late messages then do not matter, nor the time of an answer in lockstep, for
+    which simulated time waits.
     Several commands for one state, of a faster controller, are averaged. A state without a command
     has the last one.
 
@@ -176,7 +177,7 @@ def _match(
     order = order[is_during]
     values = values[order]
     sent = sent[is_during]
-    is_own_recorder = np.array_equal(received, stamps)  # It logs by stamps.
+    is_own_recorder = np.array_equal(received, stamps)  # Our recorder logs by stamps.
     surplus = len(sent) - len(arrival)
     if is_own_recorder and surplus > 0:
         is_equal = (values[1:] == values[:-1]).all(axis=1)
@@ -184,11 +185,11 @@ def _match(
         if surplus == len(sent) - is_single.sum():  # The answers that lockstep repeats.
             values = values[is_single]
             sent = sent[is_single]
-    count = np.arange(len(sent))
+    command_index = np.arange(len(sent))
     surplus = len(sent) - len(arrival)
     if is_own_recorder and not surplus:
         last_state = np.searchsorted(arrival, sent, side='right') - 1
-        offset = np.abs(last_state - count)
+        offset = np.abs(last_state - command_index)
         if offset.max() <= limits.log_offset_states:
             return _Matches(values, numbers)
     sample_count = numbers[-1] + 1
@@ -209,12 +210,12 @@ def _match(
         return _Matches(values, state)
     if is_own_recorder and 0 < len(sent) <= sample_count:
         return _match_batches(values, sent, arrival, numbers)
-    excess = len(sent) / sample_count - 1.0
-    if abs(excess) >= limits.count_tolerance:
+    relative_surplus = len(sent) / sample_count - 1.0
+    if abs(relative_surplus) >= limits.count_tolerance:
         return _Matches(values, state, doubtful)
-    missing = _smooth(state - count)
-    counted_state = count + missing
-    if usual_phase is not None and not np.ptp(missing):  # No command is missing.
+    usual_offset = _running_median(state - command_index)
+    counted_state = command_index + usual_offset
+    if usual_phase is not None and not np.ptp(usual_offset):  # No command is missing.
         contradicting = (state != counted_state).mean()
         doubtful = float(contradicting > limits.max_contradicting_fraction)
     return _Matches(values, counted_state, doubtful)
@@ -237,13 +238,13 @@ def _usual_phase(heard: Array) -> float | None:
     return float(delay)
 
 
-def _smooth(excess: Array) -> Array:
-    """Return the running median of missing commands, shape (M,)."""
+def _running_median(offset: Array) -> Array:
+    """Return the running median of an offset, shape (M,)."""
     window = MATCHING_LIMITS.counting_window
-    first = np.median(excess[:window])
-    last = np.median(excess[-window:])
+    first = np.median(offset[:window])
+    last = np.median(offset[-window:])
     padded = np.pad(
-        excess,
+        offset,
         window,
         constant_values=(first, last))
     smooth: Array = median_filter(padded, 2 * window + 1)
@@ -254,28 +255,29 @@ def _match_batches(values: Array, sent: Indices, arrival: Indices, numbers: Indi
     """
     Match commands that were recorded in batches, states first.
 
-    It logs by the stamp of the last received state. So no command is logged before the state that
-    it answers, and each leaves room for those after it. That limits the number of states without a
-    command before it. Where commands of a batch were lost, those in doubt are left out.
+    Our recorder logs a command by the stamp of the last received state. So no command is logged
+    before the state that it answers, and each leaves room for those after it. That limits the
+    number of states without a command before it. Where commands of a batch were lost, those in
+    doubt are left out.
     """
-    count = np.arange(len(sent))
+    command_index = np.arange(len(sent))
     next_state = np.searchsorted(arrival, sent, side='right')
     following = np.append(numbers, numbers[-1] + 1)
-    excess = following[next_state] - 1 - count
+    offset = following[next_state] - 1 - command_index
     window = MATCHING_LIMITS.counting_window
-    first = int(np.median(excess[:window]))
-    last = int(np.median(excess[-window:]))
+    first = int(np.median(offset[:window]))
+    last = int(np.median(offset[-window:]))
     if first == last:  # No command is missing.
-        return _Matches(values, count + first)
-    missing = np.minimum.accumulate(excess[::-1])[::-1]
-    is_exact = excess == missing
-    step = np.diff(missing, prepend=missing[0])
+        return _Matches(values, command_index + first)
+    least_offset = np.minimum.accumulate(offset[::-1])[::-1]
+    is_exact = offset == least_offset
+    step = np.diff(least_offset, prepend=least_offset[0])
     is_step = step > 0
-    # A doubt begins with a step and ends where the time leaves no choice.
+    # Doubt starts at a change of the offset and ends where the time leaves no choice.
     batch = np.cumsum(np.append(False, is_exact[:-1]))
     is_in_doubt = np.isin(batch, batch[is_step])
     is_certain = is_exact | ~is_in_doubt
-    state = count + missing
+    state = command_index + least_offset
     return _Matches(values[is_certain], state[is_certain])
 
 
@@ -313,6 +315,7 @@ def _place(matches: _Matches, numbers: Indices) -> Answers:
     mean_age = float(age[is_known].mean()) if is_known.any() else 0.0
     if mean_age <= limits.negligible_fraction:
         mean_age = 0.0
+    # A doubtful command is a sample early or late, so their fraction is a mean delay in samples.
     late = (-matches.doubtful - mean_age, matches.doubtful)
     is_single = spread < limits.equal_nm
     return Answers(command, late, is_answered & is_single)

@@ -50,7 +50,7 @@ def run_simulate(options: argparse.Namespace) -> int:
     """
     from ctc_chattering.analysis.result import export, METRICS, simulate, write_metrics
     from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
-    from ctc_chattering.configuration.compilation import compile_setups, missing
+    from ctc_chattering.configuration.compilation import compile_setups, uncompiled_codes
 
     setup = load_setup(options)
     if setup.plant.duration == 0.0:
@@ -59,7 +59,7 @@ def run_simulate(options: argparse.Namespace) -> int:
     if options.out is not None:
         check_folder(options.out, _SIMULATE, options.overwrite)
     duration = setup.plant.duration
-    if missing([setup]):
+    if uncompiled_codes([setup]):
         if duration < _LONG or options.plain:
             say(HOW_TO_COMPILE)
         else:

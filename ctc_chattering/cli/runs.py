@@ -208,7 +208,10 @@ def run_stability(options: argparse.Namespace) -> int:
     docs/theory.md says what it covers, and where the theorem is.
     """
     from ctc_chattering.analysis.tables import number_text, print_columns
-    from ctc_chattering.control.recommended_gains import pole_over_resonance, RESONANCE_PART
+    from ctc_chattering.control.recommended_gains import (
+        MAX_POLE_PER_RESONANCE,
+        pole_over_resonance,
+    )
     from ctc_chattering.runs.arm_margins import arm_margins, arm_rows
     from ctc_chattering.runs.stability import rows, stability
 
@@ -222,7 +225,7 @@ def run_stability(options: argparse.Namespace) -> int:
         print(f'{who}: lag {number_text(tuple(1e3 * x for x in lags))} ms, delay {delay}')
     margins = arm_margins(setup)
     print_columns([*rows(found, config.control_period), *(arm_rows(margins) if margins else ())])
-    if (part := pole_over_resonance(config)) > RESONANCE_PART:
+    if (part := pole_over_resonance(config)) > MAX_POLE_PER_RESONANCE:
         print(f'warning: the pole is {part:.2g} of the resonance of {config.resonance:g} Hz; at '
-              f'most {RESONANCE_PART:g} is calm with encoders at the motors')
+              f'most {MAX_POLE_PER_RESONANCE:g} is calm with encoders at the motors')
     return 0 if found.radius < 1.0 else 1

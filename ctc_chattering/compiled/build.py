@@ -49,13 +49,13 @@ import numba
 from numba import types
 from numba.extending import register_jitable
 
-#: Most functions that are compiled at once, each with some 300 MB.
+#: Maximum parallel compilations. Each uses about 300 MB.
 _MAX_PROCESSES = 4
 
 
 def build(code: Code) -> None:
     """
-    Compile a function and keep its code.
+    Compile a function and cache its code.
 
     Another process may have done so in the meantime. Then nothing happens.
 
@@ -77,7 +77,7 @@ def build(code: Code) -> None:
 
 def build_all(codes: Sequence[Code]) -> Iterator[str]:
     """Compile functions in processes, and yield the name of each."""
-    if current_process().daemon:  # Such a process may start no other one.
+    if current_process().daemon:  # Daemonic processes cannot have children.
         for code in codes:
             build(code)
             yield code.name
@@ -95,6 +95,7 @@ def build_all(codes: Sequence[Code]) -> Iterator[str]:
 
 
 def _build_silently(code: Code) -> None:
+    # `_finish` builds again after an error, and so raises it.
     with suppress(Exception):
         build(code)
 
@@ -107,7 +108,7 @@ def _finish(code: Code, process: BaseProcess) -> str:
 
 
 def compiled(code: Code) -> CompiledFunction:
-    """Compile a `Code` to a function of one address."""
+    """Compile a `Code` to a function taking a single address."""
     register()
     return CompiledFunction(_entry(code))
 
@@ -116,7 +117,12 @@ def _entry(code: Code) -> Callable[[int], int]:
     """
     Return the function that machine code begins with.
 
-    It takes the address of `Code.addresses`, and makes the arguments from these.
+    It takes the address of `Code.addresses`, and makes the arguments from these. For one matrix
+    with 3 columns it is::
+
+        def defined(address):
+            addresses = array_at(address, (2,), addresses_type)
+            return function(array_at(addresses[0], (addresses[1], 3,), type_3))
     """
     names: dict[str, Any] = {'array_at': _array_at, 'addresses_type': types.int64[::1],
                              'function': register_jitable(**INTERNAL)(code.function)}
@@ -166,5 +172,6 @@ def _call_address(_typing: Any, function: Any, addresses: Any) -> Any:
 
 @overloaded(invoke)
 def _invoke(function: Any, addresses: Any) -> Any:
+    # The numba overload of `invoke`.
     del function, addresses
     return lambda function, addresses: _call_address(function, addresses)

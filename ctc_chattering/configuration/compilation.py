@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-Machine code of a `Setup`: which functions it needs, and their compilation.
+Machine code of a `Setup`.
 
-`ctc compile`, and all commands and functions that run many simulations, come here before they
-run. Which functions there are, plant and controller know; `compiled/build.py` compiles them.
+`ctc compile`, `ctc simulate`, and all commands and functions that run many simulations, come here
+before they run. Plant and controller declare the functions, and `compiled/build.py` compiles them.
 """
 
 from __future__ import annotations
@@ -40,9 +40,11 @@ def has_compiler() -> bool:
     return find_spec('numba') is not None and find_spec('llvmlite') is not None
 
 
-def codes(setup: Setup, for_nodes: bool = False) -> tuple[Code, ...]:
+def required_codes(setup: Setup, for_nodes: bool = False) -> tuple[Code, ...]:
     """
-    Return the functions that a setup needs as machine code; none where it cannot have them.
+    Return the functions that a setup needs as machine code.
+
+    There are none where it cannot have them.
 
     Parameters
     ----------
@@ -50,29 +52,32 @@ def codes(setup: Setup, for_nodes: bool = False) -> tuple[Code, ...]:
         Its loop is plain Python if it has events, or if law or plant cannot be machine code, such
         as elastic joints.
     for_nodes : bool
-        Then return the functions of plant or controller alone, which a node can use.
+        Without a compiled loop, return the functions of plant and controller alone, which a node
+        can use.
 
     """
     robot = make_plant(setup.plant, setup.descriptions.get('plant', ''))
     law = Controller(setup.controller, model_of(
         setup.controller, setup.descriptions.get('controller', '')))
     programs: list[Program | None] = [None if setup.events else compiled_loop_of(robot, law)]
-    if for_nodes and programs == [None]:
+    if for_nodes and programs == [None]:  # The loop as a whole is plain Python.
         programs = [law.compiled_step(), robot.compiled_step]
     return tuple(code for program in programs if program is not None for code in program.codes)
 
 
-def missing(setups: Iterable[Setup], for_nodes: bool = False) -> list[Code]:
-    """Return the `codes` of setups that are not compiled yet, each once."""
+def uncompiled_codes(setups: Iterable[Setup], for_nodes: bool = False) -> list[Code]:
+    """Return the uncompiled `required_codes` of setups, each once."""
     needed = {(code.function, code.layouts): code for setup in setups
-              for code in codes(setup, for_nodes)}
+              for code in required_codes(setup, for_nodes)}
     return [code for code in needed.values() if not code.compiled]
 
 
 def compile_setups(setups: Iterable[Setup], show: Callable[[str], None], for_nodes: bool = False
                    ) -> int:
     """
-    Compile what setups need and is not compiled yet, several at once; return how many functions.
+    Compile the missing functions of setups, and count them.
+
+    Several are compiled at once.
 
     Without numba, which compiles, the runs are plain Python.
 
@@ -81,12 +86,12 @@ def compile_setups(setups: Iterable[Setup], show: Callable[[str], None], for_nod
     setups : iterable of Setup
         Setups that will run.
     show : callable
-        Takes a line that says so, before and after each of them.
+        Takes a line before all of them, and one after each.
     for_nodes : bool
-        As of `codes`.
+        See `required_codes`.
 
     """
-    to_build = missing(setups, for_nodes)
+    to_build = uncompiled_codes(setups, for_nodes)
     if not to_build:
         return 0
     try:
@@ -95,7 +100,7 @@ def compile_setups(setups: Iterable[Setup], show: Callable[[str], None], for_nod
         show(f'running in plain Python, 20 times slower: {error}')
         return 0
     count = len(to_build)
-    show(f'compiling {count} function{"s"[:count != 1]}, once for this version ...')
+    show(f'compiling {count} function{"" if count == 1 else "s"}, once for this version ...')
     for i, name in enumerate(build.build_all(to_build), 1):
         show(f'compiled {name} ({i} of {count})')
     return count
@@ -103,7 +108,9 @@ def compile_setups(setups: Iterable[Setup], show: Callable[[str], None], for_nod
 
 def compile_setup(setup: Setup, every: bool = False, show: Callable[[str], None] = print) -> int:
     """
-    Compile robot and law of a setup, once for this version; runs are then 20 times as fast.
+    Compile robot and law of a setup, once for this version.
+
+    Runs are then 20 times as fast.
 
     That holds for `simulate`, all searches, maps and nodes, and for all setups with the same law
     and number of joints. `compare`, `tune` and `compute_map` compile what they need.
@@ -131,7 +138,7 @@ def compile_setup(setup: Setup, every: bool = False, show: Callable[[str], None]
 
     """
     setup = dataclasses.replace(setup, events=())
-    if not codes(setup, for_nodes=True):
+    if not required_codes(setup, for_nodes=True):
         raise CtcError('nothing can be compiled: compiled is false, or neither plant (no elastic '
                        'joints, own models) nor law (no own models) can be, own frictions and '
                        'laws only if made of marked records')

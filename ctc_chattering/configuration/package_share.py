@@ -15,7 +15,7 @@
 """
 Files of the package and of robots.
 
-They are named by path, name or ``package://``. Parameter files and commands name them. The
+Users refer to them by path, name or ``package://``, in parameter files and commands. The
 experiments of the paper are at the end.
 """
 
@@ -47,7 +47,7 @@ def config_directory() -> Path:
     for prefix in (*Path(__file__).resolve().parents, Path(sys.prefix)):
         checkout = (prefix / 'package.xml').exists()
         folder = prefix / ('config' if checkout else 'share/ctc_chattering/config')
-        if (folder / 'friction.yaml').exists():
+        if (folder / 'friction.yaml').exists():  # One of the files that are always shipped.
             return folder
     raise CtcError('the configuration files of ctc_chattering are not installed')
 
@@ -56,6 +56,8 @@ def find_config(text: str, beside: Path = Path(), folder: str = '') -> Path:
     """
     Return the file that `text` names.
 
+    A missing path with a directory is returned unchecked.
+
     Parameters
     ----------
     text : str
@@ -63,12 +65,12 @@ def find_config(text: str, beside: Path = Path(), folder: str = '') -> Path:
     beside : Path
         Directory from which a relative path counts.
     folder : str
-        Folder of the package's files, below `config_directory`.
+        Folder below `config_directory`, for example ``cases`` or ``maps``.
 
     Raises
     ------
     UsageError
-        If `text` has no directory, and names neither.
+        If a bare name is neither a file nor a shipped configuration.
 
     """
     files = {path.stem: path for path in sorted((config_directory() / folder).glob('*.yaml'))}
@@ -124,23 +126,24 @@ def find_file(location: str) -> Path:
     Raises
     ------
     CtcError
-        If it is of a package that is not installed.
+        If its package is not installed.
 
     """
     if not location.startswith(_SCHEME):
         return Path(location)
-    below = Path('share', *location.removeprefix(_SCHEME).split('/'))
+    relative_path = Path('share', *location.removeprefix(_SCHEME).split('/'))
     ament = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
     prefixes = [*map(Path, ament), Path(sys.prefix)]
     for entry in filter(None, sys.path):
-        bundle = Path(entry, 'cmeel.prefix')
-        if bundle.is_dir():
-            prefixes.append(bundle)
+        cmeel_prefix = Path(entry, 'cmeel.prefix')
+        if cmeel_prefix.is_dir():
+            prefixes.append(cmeel_prefix)
     for prefix in prefixes:
-        if os.path.isfile(prefix / below):  # noqa: PTH113 - A path may be too long for a system.
-            return prefix / below
+        path = prefix / relative_path
+        if os.path.isfile(path):  # noqa: PTH113 - A path may be too long for a system.
+            return path
     hint = f'; {_INSTALL}' if location.startswith(_ROBOTS) else ''
-    raise CtcError(f'description: {location}: not installed; looked for {below} below '
+    raise CtcError(f'description: {location}: not installed; looked for {relative_path} below '
                    f'{", ".join(map(str, prefixes))}{hint}')
 
 
@@ -158,9 +161,10 @@ def find_mesh(location: str) -> Path | None:
     return None
 
 
-#: Parameter file of the package and values of the controller that replace the file's, by the name
-#: of the bag: figures 2 to 9 of the paper, the switching that this package recommends (Ka above
-#: friction), and the switch from one law to the other.
+#: Experiments by the name of their bag: a parameter file of the package, and values of the
+#: controller that replace the file's. They are figures 2 to 9 of the paper, the switching that
+#: this package recommends, and the switch from one law to the other. With that switching Ka is
+#: above friction.
 EXPERIMENTS: dict[str, tuple[str, dict[str, Any]]] = {
     'friction_compensation': ('friction', {'law': 'compensation'}),
     'friction_chattering': ('friction', {'law': 'chattering'}),

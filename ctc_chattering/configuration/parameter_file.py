@@ -36,12 +36,12 @@ from ctc_chattering.configuration.package_share import find_config, read_descrip
 from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.recommended_gains import (
+    gain_owner,
     GainChoice,
     GAINS,
     model_torque,
-    no_torque,
     RECOMMENDED_LAW,
-    separate_gains,
+    unknown_torque,
 )
 from ctc_chattering.controller.trips import check_change
 from ctc_chattering.dynamics.registry import model_of
@@ -224,7 +224,7 @@ def node_values(sections: Overrides, node: str, source: str) -> Values:
 
 
 def parse_events(lines: Sequence[str], configs: Mapping[str, Any],
-                 torque: Callable[[], Array | None] = no_torque) -> tuple[Event, ...]:
+                 torque: Callable[[], Array | None] = unknown_torque) -> tuple[Event, ...]:
     """
     Return the events of lines.
 
@@ -347,10 +347,10 @@ def with_gains(path: Path | None, overrides: Overrides, gains: str | None = None
 
 
 def _separate_gains(values: Mapping[str, object]) -> str:
-    """Return `separate_gains` of the law in parameters of the controller."""
+    """Return `gain_owner` of the law in parameters of the controller."""
     spec = ControllerConfig.parameters()['law']
     with prefixed('controller: '):
-        return separate_gains(spec.checked(values.get('law', spec.default)))
+        return gain_owner(spec.checked(values.get('law', spec.default)))
 
 
 def load_parameters(path: str | Path = 'friction', overrides: Overrides | None = None,

@@ -49,7 +49,7 @@ from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import as_ctc_error, CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.time_grid import period_ns, seconds
-from ctc_chattering.parameters import vector
+from ctc_chattering.parameters import checked_vector
 from ctc_chattering.trajectory.buffer import Point
 import numpy as np
 
@@ -261,7 +261,7 @@ class Controller:
         if not isinstance(bumpless, (bool, np.bool_)):
             raise ParameterError('bumpless', bumpless, 'true or false')
         zero = np.zeros(self.model.n)
-        tau = zero if held is None else vector('held', held, self.model.n)
+        tau = zero if held is None else checked_vector('held', held, self.model.n)
         self.transit[:] = 0.0
         self._phase = Phase.BUMPLESS_START if bumpless else Phase.START
         self._replaced = None
@@ -521,7 +521,7 @@ class Controller:
 
     def lyapunov(self, q: Vector, v: Vector) -> float:
         """Return V = ½ vᵀ M v of (9) [J]."""
-        position = vector('q', q, self.model.n)
-        error = vector('v', v, self.model.n)
+        position = checked_vector('q', q, self.model.n)
+        error = checked_vector('v', v, self.model.n)
         mass = np.array(self.model.mass_matrix(position.tolist()))
         return 0.5 * float(error @ mass @ error)

@@ -18,15 +18,16 @@ Recommended gains of every law.
 They follow from what is known of the arm, its drives and its sensors.
 
 A law declares its rule (`Law.gain_rule`), and every rule takes a `KnownLoop`. New robots,
-comparisons, tuning, maps and a law that is chosen without gains all take `recommended_gains`. With
-the lateness l = T + h (1 + d) of lag, period and delay, and F / R, the joints' largest friction
-over the rate limit of the drives, most laws follow::
+comparisons, tuning, maps and a law that is chosen without gains all take `recommended_gains`.
+`identification/gains.py` takes the pole and the bandwidths of single rules. With the
+lateness l = T + h (1 + d) of lag, period and delay, and F / R, the joints' largest friction over
+the rate limit of the drives, most laws follow::
 
     p = min(fastest, speed / (l + r F / R)),    kp = a p²,  kv = b p,  ki = c p³          (RU1)
 
 `ObserverRule` does not depend on friction, see docs/theory.md. `SwitchingRule` keeps Kp and Kv.
-The numbers of (RU1) were chosen on the draws of seeds 1 and 2 of `held_out_conditions`, by the
-worst of these.
+The numbers of (RU1) were chosen on the draws of seeds 1 and 2 of `runs.conditions.held_out`, by
+the worst of these.
 """
 
 from __future__ import annotations
@@ -46,16 +47,16 @@ import numpy as np
 
 #: The law for real arms: recommended where nothing chooses one.
 RECOMMENDED_LAW = 'observer_feedback'
-#: The switching for law (6), which rattles least.
+#: The switching for law (6), which chatters least.
 RECOMMENDED_SWITCHING = 'implicit_observer'
 #: Gains that a change of the law exchanges, see `GainChoice`.
 GAINS = ('kp', 'kv', 'ka', 'estimator_bandwidth')
 #: Double pole of the error, unless drives or delay are slower [rad/s].
 POLE = 100.0
 #: Largest product of pole and lateness.
-SLOWNESS = 0.4
+MAX_POLE_LATENESS = 0.4
 #: Pole over the lowest resonance of elastic joints, whose encoders are at the motors.
-RESONANCE_PART = 0.2
+MAX_POLE_PER_RESONANCE = 0.2
 #: Resolution of positions up to which the observer is fast [rad].
 FINE_RESOLUTION = 2e-5
 #: Fraction of the model's torque that may be wrong.
@@ -73,7 +74,7 @@ def lateness(lag: float, period: float, delay: int) -> float:
     return lag + period * (1 + delay)
 
 
-def no_torque() -> None:
+def unknown_torque() -> None:
     """
     Return None for an unknown torque.
 
@@ -91,8 +92,9 @@ class KnownLoop(NamedTuple):
         Its period, delay, drives, friction and resonance, and a `ka` that exceeds friction and
         disturbance.
     torque : callable
-        Returns the largest torque of the model, shape (n,) [N·m], or None for a model without
-        numbers. It is called where the gains depend on it.
+        Returns the largest torque of the model, shape (n,) [N·m]. It is that of `model_torque`, or
+        along the desired motion by `runs/recommended.py`. None for a model without numbers. It is
+        called where the gains depend on it.
     resolution : float
         Step of the encoders, or noise of the positions if that is more [rad]. Unknown encoders
         count as coarse.
@@ -100,7 +102,7 @@ class KnownLoop(NamedTuple):
     """
 
     config: ControllerConfig
-    torque: Callable[[], Array | None] = no_torque
+    torque: Callable[[], Array | None] = unknown_torque
     resolution: float = inf
 
     @property
@@ -118,7 +120,7 @@ class KnownLoop(NamedTuple):
         """
         Longest F / R of a joint [s].
 
-        In this time drives reverse half of its friction.
+        In this time drives change their torque by the friction level, half of a reversal.
         """
         limits = self.config.torque_rate_limit
         return max(f / r for f, r in zip(self.config.friction_level, limits))
@@ -159,7 +161,7 @@ class PoleRule(GainRule):
     Attributes
     ----------
     speed, fastest : float
-        Of p; `fastest` in rad/s.
+        Numerator and bound of p in (RU1), the bound in rad/s.
     kp, kv, ki, reversal : float
         a, b, c and r.
     times_p, fixed : mapping
@@ -185,13 +187,13 @@ class PoleRule(GainRule):
     def gains(self, loop: KnownLoop) -> dict[str, Any]:
         """Return gains for the pole p."""
         late = loop.lateness
-        reversal = loop.reversal
-        p = min(self.fastest, self.speed / (late + self.reversal * reversal))
+        reversal_time = loop.reversal
+        p = min(self.fastest, self.speed / (late + self.reversal * reversal_time))
         gains: dict[str, Any] = {
             'kp': self.kp * p ** 2,
             'kv': self.kv * p,
             'friction_velocity': 0.1,
-            'friction_lead': min(0.1, 1.25 * late + 0.45 * reversal),
+            'friction_lead': min(0.1, 1.25 * late + 0.45 * reversal_time),
         }
         if self.ki:
             gains['ki'] = self.ki * p ** 3
@@ -253,7 +255,7 @@ def largest_pole(late: float, resonance: float = inf) -> float:
         Lowest one of elastic joints [Hz].
 
     """
-    return min(POLE, SLOWNESS / late, RESONANCE_PART * 2.0 * pi * resonance)
+    return min(POLE, MAX_POLE_LATENESS / late, MAX_POLE_PER_RESONANCE * 2.0 * pi * resonance)
 
 
 def pole_over_resonance(config: ControllerConfig) -> float:
@@ -340,8 +342,8 @@ def recommended_gains(law: str, loop: KnownLoop) -> dict[str, Any]:
     return gains
 
 
-def separate_gains(law: str) -> str:
-    """Return the law if it has separate gains, else ''."""
+def gain_owner(law: str) -> str:
+    """Return the law if its gains are separate, else ''."""
     rule = law_class(law).gain_rule
     return law if rule is not None and rule.is_separate else ''
 
@@ -357,9 +359,9 @@ class GainChoice:
 
     """
 
-    def __init__(self, torque: Callable[[], Array | None] = no_torque) -> None:
+    def __init__(self, torque: Callable[[], Array | None] = unknown_torque) -> None:
         self.torque = torque
-        #: Gains in force when a law with separate gains, or one without ('') was replaced.
+        #: Gains in force when a law was replaced, by `gain_owner`.
         self._previous: dict[str, dict[str, Any]] = {}
 
     def suitable(self, law: str, config: ControllerConfig) -> dict[str, Any]:
@@ -368,7 +370,7 @@ class GainChoice:
 
         Those of `config` do not suit it.
         """
-        if separate_gains(law):
+        if gain_owner(law):
             return recommended_gains(law, KnownLoop(config, self.torque))
         declared = config.parameters()
         n = len(config.joint_names)
@@ -380,11 +382,11 @@ class GainChoice:
 
         They are those of `law`, by parameter.
 
-        None if both laws share gains. Else those that it had before. Else the recommended ones,
-        or, for laws that share gains, the defaults of kp and kv.
+        There are none if both laws share gains. Else those that it had before. Else the
+        recommended ones, or, for laws that share gains, the defaults of kp and kv.
         """
-        owner = separate_gains(law)
-        previous_owner = separate_gains(config.law)
+        owner = gain_owner(law)
+        previous_owner = gain_owner(config.law)
         if owner == previous_owner:
             return {}
         values = config.as_mapping()

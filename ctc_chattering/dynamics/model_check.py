@@ -32,7 +32,7 @@ import xml.etree.ElementTree as ET
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.urdf_parser import Inertial, Tree
 from ctc_chattering.numerics.linear_algebra import Array, Vector
-from ctc_chattering.parameters import whole
+from ctc_chattering.parameters import checked_integer
 import numpy as np
 
 #: Step of the differences [rad].
@@ -163,8 +163,8 @@ def check_dynamics(
     True
 
     """
-    seed = whole('seed', seed, 0)
-    samples = whole('samples', samples, 1)
+    seed = checked_integer('seed', seed, 0)
+    samples = checked_integer('samples', samples, 1)
     rng = np.random.default_rng(seed)
     states = [_SampledState(model, rng) for _ in range(samples)]
     shapes = _worst(_SHAPES, states)

@@ -16,15 +16,16 @@
 M, C and G of a tree of bodies, compilable.
 
 `CompiledArm` runs `set_terms` and `set_mass_and_bias` with an `Arm`, which `UrdfModel.bodies`
-makes. Plain Python has Pinocchio (`urdf_model`) for the same terms, and takes this module for
-tests only.
+makes. Uncompiled runs use Pinocchio (`urdf_model`) for the same terms. Only tests call this module
+in plain Python.
 
 Everything is in the frame of the base. A motion (ω, v) has the velocity v of the point at the
-origin. The motion of joint i is S_i = (z, p x z), or (0, z) of a prismatic one, with the axis z
-through p. All that joint j carries has the mass m, the first moment h and the inertia J about the
-origin. P is its linear momentum, and W collects the velocity terms of rotation. For each body c
-is the centre, ω the rate, and I the inertia about c (Echeandia & Wensing, *Numerical methods to
-compute the Coriolis matrix and Christoffel symbols*, 2021)::
+origin. The motion of joint i is S_i = (z, p x z), or (0, z) for a prismatic joint, with the
+axis z through p. All that joint j carries has the mass m, the first moment h and the inertia J
+about the origin. P is its linear momentum, and W collects the velocity terms of rotation. For each
+body c is the centre, ω the rate with the skew matrix ω̂, also written ( )^, and I the inertia
+about c (Echeandia & Wensing, *Numerical methods to compute the Coriolis matrix and Christoffel
+symbols*, 2021)::
 
     W = Σ ½ (ω̂ I - I ω̂ - (I ω)^) + m ((c · dc) 1 - dc cᵀ),     P = Σ m dc                  (RB1)
     (K, L)   = (J ω + h x v, m v + ω x h)                       of S_j                       (RB2)
@@ -112,7 +113,7 @@ class BodyScratch:
         self.inertia = bodies(4, 3)
         #: W and P, in the same way.
         self.coupling = bodies(4, 3)
-        #: Matrices of the body in hand.
+        #: Matrices of the body that is being processed.
         self.body = np.zeros((2, 3, 3))
         #: State of the joints, shape (n,).
         self.q = np.zeros(n)
@@ -154,7 +155,7 @@ def add_product(total: float, x: Array, y: Array) -> Any:
 
 
 @function
-def power(motion: Spatial, force: Spatial) -> Any:
+def motion_dot_force(motion: Spatial, force: Spatial) -> Any:
     """Return the product of a motion and a force."""
     angular = add_product(0.0, motion.angular, force.angular)
     return add_product(angular, motion.linear, force.linear)
@@ -219,7 +220,7 @@ def momentum_of(s: BodyScratch, i: int, motion: Spatial) -> Spatial:
 
 
 @function
-def place(arm: Arm, q: Array, s: BodyScratch) -> None:
+def set_frames(arm: Arm, q: Array, s: BodyScratch) -> None:
     """Set frames, and joint motions S."""
     for i in range(len(arm.parent)):
         frame = element_of(s.frame, i)
@@ -235,17 +236,17 @@ def place(arm: Arm, q: Array, s: BodyScratch) -> None:
             origin = origin + x * z
             write(s.joint, i, z - z, z)
         else:
-            c = cos(x)
-            d = sin(x)
-            x_axis = c * frame[0] + d * frame[1]
-            frame[1] = c * frame[1] - d * frame[0]
+            c_x = cos(x)
+            s_x = sin(x)
+            x_axis = c_x * frame[0] + s_x * frame[1]
+            frame[1] = c_x * frame[1] - s_x * frame[0]
             frame[0] = x_axis
             write(s.joint, i, z, add_cross(0.0, origin, z))
         frame[_VECTOR] = origin
 
 
 @function
-def weigh(arm: Arm, s: BodyScratch) -> None:
+def set_inertias(arm: Arm, s: BodyScratch) -> None:
     """Set mass, first moment and inertia of all bodies."""
     turned = element_of(s.body, 0)
     for i in range(len(arm.parent)):
@@ -268,7 +269,7 @@ def weigh(arm: Arm, s: BodyScratch) -> None:
 
 
 @function
-def move(arm: Arm, dq: Array, s: BodyScratch) -> None:
+def set_twists(arm: Arm, dq: Array, s: BodyScratch) -> None:
     """Set twists of bodies and dS/dt of joints."""
     for i in range(len(arm.parent)):
         S = read(s.joint, i)
@@ -283,7 +284,7 @@ def move(arm: Arm, dq: Array, s: BodyScratch) -> None:
 
 
 @function
-def couple(arm: Arm, s: BodyScratch) -> None:
+def set_coupling(arm: Arm, s: BodyScratch) -> None:
     """Set W and P of (RB1) of every body."""
     unit = element_of(s.frame, len(arm.parent))
     I = element_of(s.body, 0)  # noqa: E741
@@ -338,7 +339,7 @@ def fill_mass(arm: Arm, s: BodyScratch, j: int, M: Array) -> Spatial:
     while i < len(arm.parent):
         row = arm.joint[i]
         S = read(s.joint, i)
-        M[row, column] = M[column, row] = power(S, momentum)
+        M[row, column] = M[column, row] = motion_dot_force(S, momentum)
         i = arm.parent[i]
     M[column, column] += arm.rotor[j]
     return momentum
@@ -347,10 +348,10 @@ def fill_mass(arm: Arm, s: BodyScratch, j: int, M: Array) -> Spatial:
 @function
 def set_terms(arm: Arm, s: BodyScratch, terms: Any) -> int:
     """Set M, C and G of a `StateTerms` by (RB4) to (RB6)."""
-    place(arm, terms.q, s)
-    weigh(arm, s)
-    move(arm, terms.dq, s)
-    couple(arm, s)
+    set_frames(arm, terms.q, s)
+    set_inertias(arm, s)
+    set_twists(arm, terms.dq, s)
+    set_coupling(arm, s)
     M = terms.M
     C = terms.C
     M[:] = 0.0
@@ -381,9 +382,9 @@ def set_terms(arm: Arm, s: BodyScratch, terms: Any) -> int:
             row = arm.joint[i]
             S = read(s.joint, i)
             # (RB5), then (RB4).
-            linear = power(read(s.joint_rate, i), momentum)
+            linear = motion_dot_force(read(s.joint_rate, i), momentum)
             C[column, row] = add_product(linear, turning, S.angular)
-            C[row, column] = power(S, rate)
+            C[row, column] = motion_dot_force(S, rate)
             i = arm.parent[i]
         gather_mass(arm, s, j)
         gather(s.coupling, j, arm.parent[j])
@@ -394,9 +395,9 @@ def set_terms(arm: Arm, s: BodyScratch, terms: Any) -> int:
 def set_mass_and_bias(arm: Arm, s: BodyScratch) -> int:
     """Set M and C dq + G of a scratch."""
     n = len(arm.parent)
-    place(arm, s.q, s)
-    weigh(arm, s)
-    move(arm, s.dq, s)
+    set_frames(arm, s.q, s)
+    set_inertias(arm, s)
+    set_twists(arm, s.dq, s)
     # The base accelerates upwards in place of gravity.
     s.acceleration[n, 1, 2] = arm.gravity
     for i in range(n):
@@ -419,7 +420,7 @@ def set_mass_and_bias(arm: Arm, s: BodyScratch) -> int:
     s.M[:] = 0.0
     for i in range(n - 1, -1, -1):
         S = read(s.joint, i)
-        s.bias[arm.joint[i]] = power(S, read(s.force, i))
+        s.bias[arm.joint[i]] = motion_dot_force(S, read(s.force, i))
         gather(s.force, i, arm.parent[i])
         fill_mass(arm, s, i, s.M)
         gather_mass(arm, s, i)

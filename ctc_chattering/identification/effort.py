@@ -23,7 +23,7 @@ from ctc_chattering.errors import CtcError, ParameterError, UsageError
 from ctc_chattering.identification.drives import COMMAND, EFFORT, has
 from ctc_chattering.identification.recording import Recording
 from ctc_chattering.identification.stretches import Stretch
-from ctc_chattering.parameters import vector
+from ctc_chattering.parameters import checked_vector
 import numpy as np
 
 #: Effort of the motors.
@@ -93,7 +93,7 @@ def in_torques(recordings: Sequence[Recording], side: str,
     if not side:
         raise UsageError('torque_constant needs --effort: motor, link or current')
     n = len(recordings[0].joints)
-    factor = vector('torque_constant', torque_constant, n)
+    factor = checked_vector('torque_constant', torque_constant, n)
     if not (np.isfinite(factor) & (factor != 0.0)).all():
         raise ParameterError('torque_constant', torque_constant, 'finite numbers that are not 0')
     for x in recordings:

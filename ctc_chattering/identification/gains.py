@@ -27,10 +27,10 @@ from ctc_chattering.control.recommended_gains import (
     estimator_bandwidth,
     largest_pole,
     lateness,
+    MAX_POLE_LATENESS,
     observer_bandwidth,
     RECOMMENDED_LAW,
     RECOMMENDED_SWITCHING,
-    SLOWNESS,
 )
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.findings import (
@@ -232,8 +232,8 @@ def _poles(identified: Identification, slower: float, resolution: float) -> Gain
     pole = in_digits(slower * largest_pole(latest.lateness), 2, np.floor)
     ratio = estimator_bandwidth(1.0, resolution)
     return {'kp': ([pole ** 2] * n, f'a double pole at p = {pole:g} rad/s, p (T + h (1 + d)) = '
-                   f'{pole * latest.lateness:.2g} ≤ {SLOWNESS:g} with T = {latest.lag:.3g} s, '
-                   f'h = {period:g} s, d = {latest.delay}'),
+                   f'{pole * latest.lateness:.2g} ≤ {MAX_POLE_LATENESS:g} with '
+                   f'T = {latest.lag:.3g} s, h = {period:g} s, d = {latest.delay}'),
             'kv': ([2.0 * pole] * n, '2 p'),
             'estimator_bandwidth': (ratio * pole,
                                     f'{ratio:g} p for positions to {resolution:.2g} rad')}

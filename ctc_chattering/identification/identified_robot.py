@@ -55,7 +55,7 @@ from ctc_chattering.identification.trial_runs import (
 )
 from ctc_chattering.numerics.angles import unwrapped
 from ctc_chattering.output_files import check_format, new_folder, write_json, write_text
-from ctc_chattering.parameters import check_not_empty, LEAST, Parameter, whole
+from ctc_chattering.parameters import check_not_empty, checked_integer, LEAST, Parameter
 import numpy as np
 
 #: Rate of the drives, as the user declares it.
@@ -401,7 +401,7 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
     check_format(extra)
     if trials is None:
         trials = COUNT if has_compiler() else COUNT_PLAIN
-    whole('trials', trials, 0)
+    checked_integer('trials', trials, 0)
     with new_folder(Path(out), IDENTIFY, overwrite) as folder:
         for name, text in identified.robot.files.items():
             write_text(folder / name, text)

@@ -15,12 +15,12 @@
 """
 Check that a graph is alone in a domain and namespace.
 
-`bringup` makes it before its nodes join.
+`bringup` performs this check before its nodes join.
 
-Of two graphs, each would publish what the other one reads, and no publisher would be obeyed. On
-this computer the graph holds a socket without a file. The kernel frees it however the process
-ends, and of two graphs that start at once, one gets it. Graphs on other computers, and nodes that
-were started one by one, show in the ROS graph.
+Two graphs would hear each other's messages. Each topic would have competing publishers, and none
+would be obeyed. On this computer the graph holds an abstract Unix socket, which has no file.
+The kernel frees it however the process ends, and of two graphs that start at once, one gets it.
+Graphs on other computers, and nodes that were started one by one, show in the ROS graph.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ _DEPARTURE_S = 4.0
 #: Time between two looks [s].
 _STEP_S = 0.02
 
-_CURE = ('stop that one first, or start this one with another ROS_DOMAIN_ID or another namespace, '
-         '--ros-args -r __ns:=/NAME')
+_REMEDY = ('stop that one first, or start this one with another ROS_DOMAIN_ID or another '
+           'namespace, --ros-args -r __ns:=/NAME')
 
 
 @contextmanager
@@ -60,7 +60,7 @@ def sole_graph(node: Node) -> Iterator[None]:
     Raises
     ------
     CtcError
-        If there is another one, with its name.
+        If there is another one, naming its nodes or its process.
 
     """
     domain, namespace = node.context.get_domain_id(), node.get_namespace()
@@ -73,15 +73,15 @@ def sole_graph(node: Node) -> Iterator[None]:
         except OSError as error:
             if error.errno != errno.EADDRINUSE:
                 raise
-            raise CtcError(f'another bringup runs in {scope}: {_holder(address)}; {_CURE}'
+            raise CtcError(f'another bringup runs in {scope}: {_holder(address)}; {_REMEDY}'
                            ) from None
-        lock.listen()
+        lock.listen()  # So that `_holder` of another graph can connect.
         begin, nodes = time.monotonic(), _other_nodes(node)
         while time.monotonic() - begin < (_DEPARTURE_S if nodes else _SEARCH_S):
             time.sleep(_STEP_S)
             nodes = _other_nodes(node)
         if nodes:
-            raise CtcError(f'another graph runs in {scope}: {", ".join(nodes)}; {_CURE}')
+            raise CtcError(f'another graph runs in {scope}: {", ".join(nodes)}; {_REMEDY}')
         yield
 
 
@@ -98,6 +98,7 @@ def _holder(address: str) -> str:
     with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
         client.setblocking(False)
         client.connect(address)
+        # The peer's credentials: pid, uid and gid.
         pid, _, _ = struct.unpack('3i', client.getsockopt(
             socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize('3i')))
         command = Path(f'/proc/{pid}/cmdline').read_bytes().replace(b'\0', b' ').decode(

@@ -16,7 +16,8 @@
 The controller as a node.
 
 It answers joint states with torques. Its inputs are states and reference, the parameters of
-`ControllerNodeConfig`, and two services. The torques are decided in `controller/loop.py`.
+`ControllerNodeConfig`, and two services. `controller/loop.py` decides without ROS if a torque is
+sent, and `control/controller.py` computes it. `cli/node.py` makes the node by its name.
 """
 
 from __future__ import annotations
@@ -33,10 +34,10 @@ from ctc_chattering.configuration.node_parameters import ControllerNodeConfig
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.control.laws.registry import LAWS
 from ctc_chattering.control.recommended_gains import (
+    gain_owner,
     GainChoice,
     GAINS,
     model_torque,
-    separate_gains,
 )
 from ctc_chattering.controller.loop import Answer, ControlLoop
 from ctc_chattering.controller.positions import JointSample
@@ -89,9 +90,8 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
     """
     Answers every joint state with a torque of the law.
 
-    A state for which there is no reference yet waits for it. In real time it falls silent without
-    states, and restarts the law with the next one. Simulated time can wait. All of that is in
-    `ControlLoop`.
+    A state waits for its reference. In real time the node stops sending when states stop, and
+    restarts the law with the next one. Simulated time can wait. All of that is in `ControlLoop`.
     """
 
     def __init__(self, values: Values | None = None) -> None:
@@ -103,10 +103,10 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         self._terms = [self.create_publisher(JointState, f'~/{name}', qos())
                        for name in (TRACKING, FILTER, TORQUES)]
         self._term_writers = _term_writers(self._names)
-        #: Samples since time began.
+        #: Samples since the clock last restarted.
         self._samples = 0
         self._gains = GainChoice()
-        #: The gains that came with the law of the last request.
+        #: The gains that came with the law of the last request, until `check` has taken them.
         self._of_law: dict[str, Any] = {}
         writer, send = effort_writer(self._names), raw_sender(self._commands)
         self._loop = ControlLoop(
@@ -146,7 +146,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         """
         Subscribe to the reference, once the loop has been measured.
 
-        A reference that waits for its subscriber then begins its motion with the torques.
+        The reference starts only when this node subscribes, so motion and torques start together.
         """
         if len(self.inputs) == 1 and not self._loop.rehearses:
             self.inputs.append(ValidatedSubscription(
@@ -191,7 +191,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         self._answer(now)
 
     def idle(self) -> None:
-        """Answer a pending state, and end the torques without states."""
+        """Answer a pending state, and stop the torque if states stop."""
         self._clock_published = self.count_publishers(CLOCK) > 0
         if self._clock_published:
             self._loop.rehearsal = None
@@ -262,6 +262,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         """Publish error, v and torque terms of an answer."""
         assert self._loop.law is not None
         state, (q_d, dq_d, _), sample = answer
+        # The law subtracts both, and the topic has the terms that add up to the torque.
         subtracted = [-x for x in (*sample.compensation, *sample.robust)]
         torques = [*sample.nominal, *subtracted, *sample.tau,
                    self._loop.law.lyapunov(state.q, sample.v)]
@@ -300,7 +301,8 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
 
     def completed(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the gains of a law set without any."""
-        law, named = values.get('law'), {*values, *self.parameter_service.names}
+        law = values.get('law')
+        named = {*values, *self.parameter_service.names}
         allowed = (*LAWS, self.given.get('law'))  # No other class is imported.
         if law is not None and law in allowed and named.isdisjoint(GAINS):
             self._of_law = self._gains.of_law(str(law), self.config)
@@ -312,7 +314,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
     def _take_recommended_gains(self) -> None:
         """Set the recommended gains of the law at the start."""
         law = self.config.law
-        if separate_gains(law) and self.given.keys().isdisjoint(GAINS):
+        if gain_owner(law) and self.given.keys().isdisjoint(GAINS):
             self._of_law = self._gains.suitable(law, self.config)
             self.parameters.assign(self._of_law)
 

@@ -15,10 +15,10 @@
 """
 Arguments after ``--ros-args`` of nodes and of bringup.
 
-Parameters are read here, as in `ctc simulate`, and all else is left to rcl. For parameters rcl
-would ignore ``-p`` beside a file with a section of the node, and names of unknown nodes or
-parameters. It refuses a list of integers and other numbers. Here the last value wins, a node's own
-section has precedence over ``/**`` of the same file, and an undeclared name is refused.
+`cli/node.py` and `cli/bringup.py` read parameters here, by the same rules as `ctc simulate`. All
+else is left to rcl. rcl silently ignores ``-p`` when a file has a section for the node, and
+ignores unknown names. It refuses a list mixing integers and floats. Here the last value wins, a
+node's own section has precedence over ``/**`` of the same file, and an undeclared name is refused.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from ctc_chattering.configuration.yaml_file import parse_value
 from ctc_chattering.errors import CtcError, suggest, UsageError
 
 _FILE = '--params-file'
-_RULE = re.compile(r'(?:(?P<node>\w+):)?(?P<name>[^:=\s]+):=(?P<value>.*)', re.DOTALL)
+_ASSIGNMENT = re.compile(r'(?:(?P<node>\w+):)?(?P<name>[^:=\s]+):=(?P<value>.*)', re.DOTALL)
 
 
 class RosArguments(NamedTuple):
@@ -47,7 +47,7 @@ class RosArguments(NamedTuple):
     Attributes
     ----------
     parameters : tuple of (str, str)
-        Flags with their values, in order: files, and rules of single parameters.
+        Flags with their values, in order: files, and assignments of single parameters.
     for_ros : tuple of str
         Arguments for ROS itself: remaps, logging, security.
 
@@ -58,10 +58,10 @@ class RosArguments(NamedTuple):
 
     @property
     def assigned(self) -> set[str]:
-        """Names of the parameters that ``-p`` gives."""
+        """Names that ``-p`` sets, whose errors are usage errors."""
         texts = [text for flag, text in self.parameters if flag != _FILE]
-        rules = map(_RULE.fullmatch, texts)
-        return {rule['name'] for rule in rules if rule}
+        matches = map(_ASSIGNMENT.fullmatch, texts)
+        return {match['name'] for match in matches if match}
 
     def values(self, executables: Sequence[str]) -> dict[str, Values]:
         """
@@ -70,27 +70,33 @@ class RosArguments(NamedTuple):
         Raises
         ------
         UsageError
-            For a parameter or a file that concerns none of the nodes.
+            For a parameter or a file that applies to none of the nodes.
         CtcError
             For a file that is no parameter file.
 
         """
-        remaps: dict[str, str] = {}
-        for flag, rule in pairwise(self.for_ros):
-            if flag in ('-r', '--remap'):
-                origin, _, target = rule.partition(':=')
-                remaps.setdefault(origin.rpartition(':')[2], target)  # The first one wins in ROS.
+        remaps = self._remaps()
         namespace = remaps.get('__ns', '').strip('/')
-        nodes = {x: remaps.get('__node', remaps.get('__name', x)) for x in executables}
+        nodes = {executable: remaps.get('__node', remaps.get('__name', executable))
+                 for executable in executables}
         merged: dict[str, Values] = {executable: {} for executable in executables}
         for flag, text in self.parameters:
             if flag == _FILE:
                 values = _read_file(Path(text), f'/{namespace}', nodes)
             else:
-                values = _read_rule(f'{flag} {text}', text, nodes)
+                values = _read_assignment(f'{flag} {text}', text, nodes)
             for executable in values:
                 merged[executable] |= values[executable]
         return merged
+
+    def _remaps(self) -> dict[str, str]:
+        """Return the remaps by name, without the prefix of a node."""
+        remaps: dict[str, str] = {}
+        for flag, remap in pairwise(self.for_ros):
+            if flag in ('-r', '--remap'):
+                origin, _, target = remap.partition(':=')
+                remaps.setdefault(origin.rpartition(':')[2], target)  # The first one wins in ROS.
+        return remaps
 
 
 def _read_file(file: Path, namespace: str, nodes: Mapping[str, str]) -> dict[str, Values]:
@@ -108,8 +114,7 @@ def _read_file(file: Path, namespace: str, nodes: Mapping[str, str]) -> dict[str
         full_name = f'{namespace.rstrip("/")}/{node}'
         of_node: dict[str, Values] = {}
         for section, content in sections.items():
-            pattern = re.escape(section).replace(r'/\*\*', r'(/\w+)*').replace(r'\*', r'\w+')
-            if section == f'/{node}' or re.fullmatch(pattern, full_name):
+            if section == f'/{node}' or _section_matches(section, full_name):
                 is_wild = '*' in section.rpartition('/')[2]
                 key = parameter_file.EVERY_NODE if is_wild else executable
                 of_node.setdefault(key, {}).update(content)
@@ -122,18 +127,25 @@ def _read_file(file: Path, namespace: str, nodes: Mapping[str, str]) -> dict[str
     return values
 
 
-def _read_rule(argument: str, rule: str, nodes: Mapping[str, str]) -> dict[str, Values]:
+def _section_matches(section: str, full_name: str) -> bool:
+    """Return true if a section, which may have wildcards, is for a node."""
+    pattern = re.escape(section).replace(r'/\*\*', r'(/\w+)*').replace(r'\*', r'\w+')
+    return re.fullmatch(pattern, full_name) is not None
+
+
+def _read_assignment(argument: str, assignment: str, nodes: Mapping[str, str]
+                     ) -> dict[str, Values]:
     """Return the value that nodes take from ``-p``, by executable."""
-    match = _RULE.fullmatch(rule)
+    match = _ASSIGNMENT.fullmatch(assignment)
     if match is None:
         raise UsageError(f'{argument}: this is not NAME:=VALUE, nor NODE:NAME:=VALUE')
     node, name, text = match.groups()
-    declared = {x: {*NODES[x].parameters(), *parameter_file.OF_ROS}
-                for x in nodes if node in (None, nodes[x])}
+    declared = {executable: {*NODES[executable].parameters(), *parameter_file.OF_ROS}
+                for executable in nodes if node in (None, nodes[executable])}
     if not declared:
         raise UsageError(
             f'{argument}: no node is called {node} here; {" | ".join(nodes.values())}')
-    owners = [x for x in declared if name in declared[x]]
+    owners = [executable for executable in declared if name in declared[executable]]
     if not owners:
         hint = suggest(name, set().union(*declared.values())) or '; ctc parameters lists them'
         raise UsageError(f'{argument}: {" | ".join(declared)}: no parameter of this name{hint}')
@@ -141,7 +153,7 @@ def _read_rule(argument: str, rule: str, nodes: Mapping[str, str]) -> dict[str, 
         value = parse_value(text)
     except CtcError as error:
         raise UsageError(f'{argument}: {error}') from None
-    return {x: {name: value} for x in owners}
+    return {executable: {name: value} for executable in owners}
 
 
 def parse(arguments: Sequence[str]) -> tuple[list[str], RosArguments]:
@@ -186,7 +198,7 @@ def bringup_values(ros: RosArguments) -> dict[str, Values]:
     CtcError
         For a parameter that is not allowed.
     UsageError
-        For a remap that would rename nodes, or a parameter that concerns none of them.
+        For a remap that would rename nodes, or a parameter that applies to none of them.
 
     """
     if any(re.match(r'__(node|name):=|\w+:__', word) for word in ros.for_ros):

@@ -27,7 +27,7 @@ from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.laws.registry import LAWS, switchings_of
 from ctc_chattering.errors import CtcError, ParameterError, suggest
 from ctc_chattering.output_files import check_format, finite
-from ctc_chattering.parameters import check_not_empty, whole
+from ctc_chattering.parameters import check_not_empty, checked_integer
 from ctc_chattering.runs.conditions import chosen, Condition, HeldOut, read_cases, SEED
 from ctc_chattering.runs.conditions import held_out as drawn
 from ctc_chattering.runs.map import computed
@@ -186,11 +186,12 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
         raise ParameterError('gains', gains, ' | '.join(GAINS))
     check_not_empty('files', files)
     check_format(extra)
-    jobs = whole('jobs', jobs, 1)
+    jobs = checked_integer('jobs', jobs, 1)
     paths = [find_config(x) if isinstance(x, str) else x for x in files]
     given = read_cases(find_config(str(cases), folder='cases')) if str(cases) else ()
-    runs = Comparison(tasks(paths, conditions or ([] if given else ['']), laws, gains, (
-        *given, *drawn(whole('held_out', held_out, 0), whole('seed', seed, 0)))))
+    draws = drawn(checked_integer('held_out', held_out, 0), checked_integer('seed', seed, 0))
+    runs = Comparison(tasks(
+        paths, conditions or ([] if given else ['']), laws, gains, (*given, *draws)))
     path = Path(out) if out else None
     with computed(runs, path, jobs, None, overwrite, show, progress) as made:
         rows = made.table.to_pandas()

@@ -24,11 +24,11 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.tables import counted
-from ctc_chattering.configuration.compilation import codes, compile_setups
+from ctc_chattering.configuration.compilation import compile_setups, required_codes
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.errors import CtcError
 from ctc_chattering.output_files import check_format, OutputFolder
-from ctc_chattering.parameters import whole
+from ctc_chattering.parameters import checked_integer
 from ctc_chattering.runs import cluster, pool, store
 from ctc_chattering.runs.points import Points, Runs
 from ctc_chattering.runs.spec import MapSpec, parse, read_spec
@@ -90,7 +90,7 @@ def compute_map(spec: Mapping[str, Any] | str | Path, out: str | Path, jobs: int
         another map is in the directory, or workers are lost.
 
     """
-    jobs = whole('jobs', jobs, 1)
+    jobs = checked_integer('jobs', jobs, 1)
     check_format(extra)
     runs, out = Runs(map_spec(spec)), Path(out)
     with computed(runs, out, jobs, scheduler, overwrite, show, progress) as made:
@@ -120,7 +120,7 @@ def computed(points: Points, out: Path | None, jobs: int, scheduler: str | None,
     Until the end of the context no other process writes there; arguments and errors as of
     `compute_map`.
     """
-    codes(points.robot)  # What is missing shows here.
+    required_codes(points.robot)  # What is missing shows here.
     with ExitStack() as stack:
         path = out or Path(stack.enter_context(TemporaryDirectory()))
         directory = stack.enter_context(store.opened(

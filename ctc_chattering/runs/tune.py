@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.control.recommended_gains import RECOMMENDED_LAW
 from ctc_chattering.errors import CtcError, ParameterError, UsageError
-from ctc_chattering.parameters import whole
+from ctc_chattering.parameters import checked_integer
 from ctc_chattering.runs.points import Runs
 from ctc_chattering.runs.pool import processes, serially
 from ctc_chattering.runs.recommended import gains_by_rule
@@ -390,7 +390,7 @@ def tune(spec: TuneSpec | Mapping[str, Any] | str | Path, trials: int = 200,
 
     """
     require_optuna()
-    trials, jobs = whole('trials', trials, 1), whole('jobs', jobs, 1)
+    trials, jobs = checked_integer('trials', trials, 1), checked_integer('jobs', jobs, 1)
     if not 0.0 < percentile <= 100.0:
         raise ParameterError('percentile', percentile, 'a number > 0 and <= 100')
     found = tune_spec(spec, identified)

@@ -38,7 +38,7 @@ from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.angles import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import seconds
-from ctc_chattering.parameters import parameter, PerJoint, whole
+from ctc_chattering.parameters import checked_integer, parameter, PerJoint
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import (
     check_limits,
@@ -179,7 +179,7 @@ class Sinusoid:
 
     def at(self, t: int) -> Point:
         """Return q_d, dq_d and ddq_d at `t` [ns]."""
-        s = seconds(t if type(t) is int else whole('t', t))
+        s = seconds(t if type(t) is int else checked_integer('t', t))
         joints = [joint.at(s) for joint in self._joints]
         q_d, dq_d, ddq_d = map(list, zip(*joints))
         return q_d, dq_d, ddq_d

@@ -30,7 +30,7 @@ from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.angles import turned, turns_to
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import seconds
-from ctc_chattering.parameters import Parameter, whole
+from ctc_chattering.parameters import checked_integer, Parameter
 from ctc_chattering.trajectory.buffer import follow_turns, interpolate, Point
 
 #: Names of a point's rows, in their order.
@@ -78,7 +78,7 @@ class Waypoints:
             return
         t, state = start
         first_q, _, _ = self._points[0]
-        if whole('start', t) < self._times[0]:
+        if checked_integer('start', t) < self._times[0]:
             self._times.insert(0, t)
             self._points.insert(0, check_point('start', state, len(first_q)))
 
@@ -99,7 +99,7 @@ class Waypoints:
 
     def at(self, t: int) -> Point:
         """Return the point at `t` [ns]."""
-        t = t if type(t) is int else whole('t', t)
+        t = t if type(t) is int else checked_integer('t', t)
         i = bisect_right(self._times, t)
         start = self._points[max(i - 1, 0)]
         q, dq, ddq = start
@@ -199,14 +199,14 @@ def _check_points(times: Sequence[int], points: Sequence[Point], n: int = 0) -> 
         raise ParameterError('points', [], 'one or more')
     if len(times) != count:
         raise ParameterError('times', tuple(times), f'one per point: {count}')
-    whole('times[0]', times[0])
+    checked_integer('times[0]', times[0])
     result: list[Point] = []
     for i, (t, point) in enumerate(zip(times, points)):
         checked = check_point(f'points[{i}]', point, n)
         result.append(checked)
         n = len(checked[0])
         previous = times[i - 1]
-        if i and whole(f'times[{i}]', t) <= previous:
+        if i and checked_integer(f'times[{i}]', t) <= previous:
             raise ParameterError(
                 f'points[{i}].time_from_start',
                 seconds(t),

@@ -22,7 +22,7 @@ from shutil import copy
 from ctc_chattering.cli import experiments
 from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
 from ctc_chattering.configuration import compilation, parameter_file
-from ctc_chattering.configuration.compilation import codes
+from ctc_chattering.configuration.compilation import required_codes
 from ctc_chattering.runs.stability import stability
 from ctc_commands import ctc, ctc_process
 from machine_code import compile_runs
@@ -36,7 +36,7 @@ def test_a_user_who_has_not_compiled_it(tmp_path: Path, monkeypatch: pytest.Monk
     compile_runs(known)
     cache = tmp_path / '.cache' / 'ctc_chattering' / 'machine_code'
     cache.mkdir(parents=True, mode=0o700)
-    for code in codes(known):  # All but the law, which would take half a minute.
+    for code in required_codes(known):  # All but the law, which would take half a minute.
         copy(code.path, cache)
     monkeypatch.setenv('HOME', str(tmp_path))
     run = 'simulate', '--duration', '0.05', '--law', 'pd_gravity'
@@ -59,7 +59,7 @@ def test_a_long_run_compiles_by_itself(monkeypatch: pytest.MonkeyPatch, plain: b
     """It takes longer than the compiler; `--plain` has it run at once."""
     asked: list[str] = []
     monkeypatch.setattr(experiments, '_LONG', 0.05)
-    monkeypatch.setattr(compilation, 'missing', lambda setups: codes(*setups))
+    monkeypatch.setattr(compilation, 'uncompiled_codes', lambda setups: required_codes(*setups))
     monkeypatch.setattr(compilation, 'compile_setups', lambda setups, _show: asked.extend(
         setup.controller.law for setup in setups))
     for duration in ('0.04', '0.05'):

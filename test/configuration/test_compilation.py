@@ -25,7 +25,11 @@ from ctc_chattering.analysis.result import simulate
 from ctc_chattering.compiled import machine_code
 from ctc_chattering.compiled.machine_code import Code
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.compilation import codes, compile_setups, missing
+from ctc_chattering.configuration.compilation import (
+    compile_setups,
+    required_codes,
+    uncompiled_codes,
+)
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.errors import CtcError
@@ -47,11 +51,11 @@ def setup(plant: dict[str, Any] | None = None, **controller: Any) -> Setup:
 
 def test_what_can_be_compiled() -> None:
     compile_runs(setup())
-    assert codes(setup()) and not missing([setup()])
+    assert required_codes(setup()) and not uncompiled_codes([setup()])
     for other in (
             setup(ELASTIC), setup({'compiled': False}), setup(compiled=False),
             parameter_file.load(find_config('switch'))):
-        assert not codes(other)
+        assert not required_codes(other)
 
 
 def test_the_same_result() -> None:
@@ -89,7 +93,7 @@ def test_each_function_is_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_pat
     assert compile_setups([setup(ELASTIC), setup(compiled=False)], said.append) == 0
     assert said == [] == [*tmp_path.iterdir()]
     names = ['dynamics-2', 'mass-2', 'control-chattering-2', 'plant-2', 'loop-2']
-    assert [code.name for code in missing([setup(), setup()])] == names
+    assert [code.name for code in uncompiled_codes([setup(), setup()])] == names
     assert compile_setups([setup(), setup(ELASTIC), setup(kp=[1.0, 2.0])], said.append) == 5
     assert said == ['compiling 5 functions, once for this version ...', *(
         f'compiled {name} ({i} of 5)' for i, name in enumerate(names, 1))]

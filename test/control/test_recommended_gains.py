@@ -26,9 +26,9 @@ from ctc_chattering.control.recommended_gains import (
     largest_pole,
     lateness,
     model_torque,
-    no_torque,
     POLE,
     recommended_gains,
+    unknown_torque,
 )
 from ctc_chattering.control.recommended_gains import (
     RECOMMENDED_LAW as LAW,
@@ -66,7 +66,7 @@ def test_ka_has_room_for_a_fifth_of_the_torque_that_the_model_takes_within_the_l
     found = model_torque(config, arm)
     assert found is not None
     assert found == pytest.approx([most[0], 10.0], rel=0.03)
-    known, unknown = (KnownLoop(config, x) for x in (lambda: found, no_torque))
+    known, unknown = (KnownLoop(config, x) for x in (lambda: found, unknown_torque))
     assert recommended_gains(LAW, known)['ka'] == pytest.approx(
         [10.0 + 0.2 * most[0], 7.0], rel=0.03)
     assert recommended_gains(LAW, unknown)['ka'] == (10.0, 5.0)

@@ -38,7 +38,7 @@ def test_products_are_those_of_numpy() -> None:
     assert tree.add_product(2.0, x, y) == pytest.approx(2.0 + x @ y)
     assert tree.add_cross(z, x, y) == pytest.approx(z + np.cross(x, y))
     assert tree.add_rows(z, matrix, x) == pytest.approx(z + x @ matrix)
-    power = tree.power(tree.Spatial(x, y), tree.Spatial(y, z))
+    power = tree.motion_dot_force(tree.Spatial(x, y), tree.Spatial(y, z))
     assert power == pytest.approx(x @ y + y @ z)
     point = [tree.point_inertia(2.0, x, a) for a in range(3)]
     np.testing.assert_allclose(point, 2.0 * (x @ x * np.eye(3) - np.outer(x, x)), atol=1e-14)
