@@ -13,11 +13,12 @@
 # limitations under the License.
 
 """
-Joint values of a topic as arrays.
+Read joint values of a topic into arrays.
 
-A `SignalTopic` reads the numbers in some fields of each message. Joint names beside a field, or
-above it, say which column belongs to which joint. `bags/reader.py` reads runs with it,
-`identification/bag_motion.py` recordings of any robot.
+A `SignalTopic` reads the numbers in some fields of each message. Joint names beside the first
+field, or beside a field that contains it, say which column belongs to which joint. For `data` of
+an array they are the labels of its dimensions. `bags/reader.py` reads runs with it, and
+`identification/bag_motion.py` reads recordings of any robot.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ from rosbags.interfaces import Connection
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 MULTI_ARRAY = 'std_msgs/msg/Float64MultiArray'
+#: Times [ns].
 Instants = npt.NDArray[np.int64]
 #: Type, log time [ns] and data.
 _Serialized = tuple[str, int, bytes]
@@ -49,7 +51,7 @@ _BLOCK_MESSAGES = 10_000
 #: Bytes of the stamp in a message that begins with a header.
 _STAMP = slice(4, 12)
 _STAMP_TYPE = np.dtype([('sec', '<i4'), ('nanosec', '<u4')])
-#: Fields that have joint names, as messages call them.
+#: Fields in which messages have joint names.
 _NAME_FIELDS = ('name', 'names', 'joint_names', 'dof_names')
 
 
@@ -62,9 +64,9 @@ class Signal(NamedTuple):
     logged : ndarray of int, shape (N,)
         Log times [ns].
     stamps : ndarray of int, shape (N,)
-        Stamps of the messages [ns], 0 without any.
+        Stamps of the headers [ns], 0 for messages without a header.
     values : tuple of ndarray, shape (N, n)
-        An array for each field, nan where a value is missing.
+        An array for each field. A row is nan if the field is absent or has another length.
 
     """
 
@@ -73,7 +75,7 @@ class Signal(NamedTuple):
     values: tuple[Array, ...]
 
     def select(self, rows: Indices | Flags) -> Signal:
-        """Return some of the messages."""
+        """Return the signal with some of its messages."""
         values = tuple(x[rows] for x in self.values)
         return Signal(self.logged[rows], self.stamps[rows], values)
 
@@ -140,7 +142,7 @@ class SignalTopic(NamedTuple):
         """
         Return the values of some joints.
 
-        Messages without one of them, or with one twice, are left out.
+        Messages that lack one of them, or have any name twice, are left out.
         """
         messages = self.bag.read_serialized(self.connections)
         blocks = [self._read_each([], joints)]
@@ -187,8 +189,8 @@ class SignalTopic(NamedTuple):
     def _read_each(self, block: Sequence[_Serialized], joints: tuple[str, ...]) -> Signal:
         """Return the values of some joints, message by message."""
         logged, stamps = array('q'), array('q')
-        columns = [array('d') for _ in self.fields]
-        missing = [np.nan] * len(joints)
+        buffers = [array('d') for _ in self.fields]
+        nan_row = [np.nan] * len(joints)
         for _, t, data in block:
             message = self.bag.decode(data, self.message_type)
             names = _joint_names(message, self.fields[0]) or joints
@@ -196,15 +198,15 @@ class SignalTopic(NamedTuple):
             rows = [_numbers(message, field) for field in self.fields]
             if rows[0] is None or not len(indices):
                 continue
-            for column, row in zip(columns, rows):
+            for buffer, row in zip(buffers, rows):
                 if row is None or len(row) != len(names):
-                    column.extend(missing)
+                    buffer.extend(nan_row)
                 else:
-                    column.frombytes(row[indices].tobytes())
+                    buffer.frombytes(row[indices].tobytes())
             stamp = _value(message, 'header.stamp')
             stamps.append(nanoseconds(stamp) if stamp else 0)
             logged.append(t)
-        values = tuple(np.frombuffer(x).reshape(-1, len(joints)) for x in columns)
+        values = tuple(np.frombuffer(x).reshape(-1, len(joints)) for x in buffers)
         return Signal(np.array(logged), np.array(stamps), values)
 
 
@@ -237,7 +239,7 @@ def _find_numbers(message: Any, fields: Sequence[str], rows: npt.NDArray[np.uint
 
 @cache
 def _find_columns(names: tuple[str, ...], joints: tuple[str, ...]) -> Indices:
-    """Return the columns of some joints, empty if one is missing or twice."""
+    """Return the columns of joints, empty if one lacks or any name repeats."""
     distinct = set(names)
     is_complete = distinct.issuperset(joints) and len(distinct) == len(names)
     indices = [names.index(x) for x in joints] if is_complete else []
@@ -256,7 +258,7 @@ def _value(message: Any, path: str) -> Any:
 
 
 def _numbers(message: Any, field: str) -> Array | None:
-    """Return the numbers in a field, or None."""
+    """Return the numbers in a field, None if there are none."""
     value = _value(message, field)
     if value is None:
         return None
@@ -268,10 +270,10 @@ def _numbers(message: Any, field: str) -> Array | None:
 
 
 def _joint_names(message: Any, field: str) -> tuple[str, ...]:
-    """Return the names beside a field, or above it."""
-    if field == 'data':
+    """Return the joint names that belong to a field."""
+    if field == 'data':  # Of a Float64MultiArray.
         return tuple(x.label for x in _value(message, 'layout.dim') or ())
-    while field:
+    while field:  # Look beside the field, then beside each field that contains it.
         field, dot, _ = field.rpartition('.')
         for name in _NAME_FIELDS:
             names = _value(message, f'{field}{dot}{name}')

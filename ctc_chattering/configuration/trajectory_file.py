@@ -13,9 +13,9 @@
 # limitations under the License.
 
 """
-Files of waypoints, for `trajectory_file` of the reference.
+Read and write files of waypoints, for `trajectory_file` of the reference.
 
-`ctc excite` writes them, and users write their own.
+The reference node and `load_parameters` read them. `ctc excite` and users write them.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from ctc_chattering.output_files import write_text
 from ctc_chattering.parameters import LARGEST, Parameter
 from ctc_chattering.trajectory.waypoints import FIELDS, Route
 
-#: Decimal places of waypoints in a file.
+#: Decimal places of positions, velocities and accelerations in a file.
 _DECIMALS = 8
 
 
@@ -39,20 +39,20 @@ def read_trajectory(path: Path, joint_names: Sequence[str]) -> Route:
     Return the checked waypoints of a file.
 
     The file has `joint_names` and `points`. Each point has `positions`, `time_from_start` [s] and
-    maybe `velocities` and `accelerations`. A `header` is ignored: times count from the start of
-    the motion.
+    optionally `velocities`, `accelerations` and an empty `effort`. A `header` is ignored: times
+    count from the start of the motion.
 
     Parameters
     ----------
     path : Path
         The file.
     joint_names : sequence of str
-        Joints of the desired motion. The file is for all of them and no other.
+        Joints of the reference. The file must name exactly these.
 
     Raises
     ------
     CtcError
-        With the file, the point and the allowed values.
+        If the file is invalid. The text names file, point and allowed values.
 
     """
     tree = read_yaml(path, FileKind.WAYPOINTS)
@@ -62,7 +62,7 @@ def read_trajectory(path: Path, joint_names: Sequence[str]) -> Route:
 
 def write_trajectory(route: Route, path: Path) -> None:
     """
-    Write waypoints as `read_trajectory` reads them.
+    Write waypoints in the format of `read_trajectory`.
 
     Parameters
     ----------
@@ -79,14 +79,14 @@ def write_trajectory(route: Route, path: Path) -> None:
     """
     points = []
     for t, point in zip(route.times, route.points):
-        rows = {field: [round(float(x), _DECIMALS) + 0.0 for x in row]
-                for field, row in zip(FIELDS, point) if row}
-        points.append({'time_from_start': seconds(t), **rows})
+        fields = {field: [round(float(x), _DECIMALS) + 0.0 for x in row]  # 0.0 and never -0.0
+                  for field, row in zip(FIELDS, point) if row}
+        points.append({'time_from_start': seconds(t), **fields})
     write_text(path, yaml_text({'joint_names': list(route.names), 'points': points}))
 
 
 def _route(tree: object) -> Route:
-    """Return the unchecked waypoints of a file."""
+    """Return the waypoints of a file, whose `FIELDS` are not yet checked."""
     values = mapping('trajectory', tree, ('joint_names', 'points', 'header'))
     names = Parameter('joint_names', 'str[]', (), '').coerce(values.get('joint_names'))
     rows = values.get('points')

@@ -13,10 +13,12 @@
 # limitations under the License.
 
 """
-States and torques in lockstep, as the plant sees them.
+Match torques to states in lockstep, for the plant node.
 
-Simulated time waits for the torque that answers a state. A state without an answer is sent again,
-and may then be answered twice: `LockstepExchange` recognises the surplus answers.
+Simulated time waits for the torque that answers a state. An unanswered state is sent again, and
+may then get two answers. Torques have no stamp, so `LockstepExchange` takes one that equals the
+last for the second answer. A genuine answer may be refused, as that of a robot at rest. Then the
+state is sent once more.
 """
 
 from __future__ import annotations
@@ -24,44 +26,49 @@ from __future__ import annotations
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 
-#: Time after which a state without an answer is sent again [ns].
+#: Real time after which an unanswered state is sent again [ns].
 _REPEAT_PERIOD_NS = NANOSECONDS // 5
 
 
 class LockstepExchange:
     """
-    Recognises surplus answers to the state before.
+    Detection of second answers to the state before.
 
     Parameters
     ----------
     now : int
-        Time [ns].
+        Monotonic time [ns].
 
     Attributes
     ----------
     sent_at : int
-        Time of the present state's first message [ns].
+        Time of the present state's first message [ns]. The caller sets it.
 
     """
 
     def __init__(self, now: int) -> None:
-        self.sent_at = self._repeated = now
-        self._latest: Vector | None = None
-        #: Repetitions of the present state, and surplus answers that the one before may still get.
-        self._repeats = self._surplus = 0
+        self.sent_at = now
+        self._last_repeat_at = now
+        self._last_accepted: Vector | None = None
+        #: Repetitions of the present state.
+        self._repeats = 0
+        #: Second answers that the state before may still get.
+        self._surplus = 0
 
     def repeat_due(self, now: int) -> bool:
-        """Return whether to send the state again at `now` [ns]."""
-        if now - max(self.sent_at, self._repeated) <= _REPEAT_PERIOD_NS:
+        """Return whether to send the state again at `now` [ns], and count that."""
+        if now - max(self.sent_at, self._last_repeat_at) <= _REPEAT_PERIOD_NS:
             return False
-        self._repeated = now
+        self._last_repeat_at = now
         self._repeats += 1
         return True
 
     def accept(self, tau: Vector) -> bool:
-        """Return whether a torque [N·m] answers the present state."""
-        if self._surplus and tau == self._latest:
+        """Take a torque [N·m], and return whether it answers the present state."""
+        if self._surplus and tau == self._last_accepted:
             self._surplus -= 1
             return False
-        self._latest, self._surplus, self._repeats = tau, self._repeats, 0
+        self._last_accepted = tau
+        self._surplus = self._repeats
+        self._repeats = 0
         return True

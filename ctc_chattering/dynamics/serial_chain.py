@@ -13,11 +13,11 @@
 # limitations under the License.
 
 """
-The arm in the description of a whole robot.
+Find the joints of the arm in the URDF of a whole robot.
 
-`ctc new-robot` takes a serial chain of joints that a model can have. A description also has
-wheels, a head, a second arm, and a gripper or a hand at the end of the arm. Joints that move no
-mass are omitted, as no model has them.
+`ctc new-robot` models one serial chain of movable joints. A URDF may also contain wheels, a head,
+a second arm, and a gripper or a hand at the end of the arm. Joints that carry no mass are left
+out, since the mass matrix would be singular, and so are joints that mimic or lead another.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from ctc_chattering.errors import ParameterError, shorten, suggest
 
 def chain_to(tree: Tree, tip: str) -> tuple[str, ...]:
     """
-    Return a model's joints from the root to a link.
+    Return the movable joints from the root to the link `tip`.
 
     Raises
     ------
     ParameterError
-        If there is no such link, or no joint that moves it.
+        If the link does not exist, or none of these joints carries a mass.
 
     """
     if tip not in tree.links:
@@ -50,7 +50,7 @@ def chain_to(tree: Tree, tip: str) -> tuple[str, ...]:
         joint = tree.carriers[link]
         chain.append(joint)
         link = tree.ends[joint][0]
-    movers = _movers(tree)
+    movers = _movable_joints_with_mass(tree)
     joints = tuple(name for name in reversed(chain) if name in movers)
     if not joints:
         raise ParameterError('tip', tip, 'links that a joint of a model moves')
@@ -59,56 +59,61 @@ def chain_to(tree: Tree, tip: str) -> tuple[str, ...]:
 
 def longest_chain(tree: Tree) -> tuple[str, ...]:
     """
-    Return the joints of the longest chain without end effector.
+    Return the joints of the longest chain without fingers.
 
-    Of chains that are equally long it is the first in the text. Empty where nothing moves.
+    Of equally long chains it is the first in the URDF. A gripper with a single branch is part of
+    the chain. It is empty if no movable joint carries a mass.
     """
-    movers = _movers(tree)
-    model_joints = _longest_ways(tree, movers)
-    all_joints = _longest_ways(tree, tree.joints)
+    movers = _movable_joints_with_mass(tree)
+    movable_lengths = _chain_lengths(tree, movers)
+    lengths = _chain_lengths(tree, tree.joints)
     link = tree.root
     chain: list[str] = []
     while True:
-        branches = [name for name in tree.joints_on(link) if all_joints[name]]
-        longest = max(branches, key=lambda name: model_joints[name], default='')
-        if not model_joints.get(longest) or _is_end_effector(
-            [all_joints[name] for name in branches], len(chain)
+        branches = [name for name in tree.joints_on(link) if lengths[name]]
+        branch = max(branches, key=lambda name: movable_lengths[name], default='')
+        if not movable_lengths.get(branch) or _is_end_effector(
+            [lengths[name] for name in branches], len(chain)
         ):
             return tuple(chain)
-        if longest in movers:
-            chain.append(longest)
-        link = tree.ends[longest][1]
+        if branch in movers:
+            chain.append(branch)
+        link = tree.ends[branch][1]
 
 
-def _movers(tree: Tree) -> set[str]:
-    """Return the joints of a model that move a mass."""
+def _movable_joints_with_mass(tree: Tree) -> set[str]:
+    """Return the movable joints that carry a mass."""
     carried = {
         name: 0.0 if inertial is None else inertial.mass
         for name, inertial in tree.inertials.items()
     }
-    for parent, child in reversed(tree.ends.values()):
+    for parent, child in reversed(tree.ends.values()):  # From the leaves inwards.
         carried[parent] += carried[child]
     return {name for name in tree.movable if carried[tree.ends[name][1]] > 0.0}
 
 
-def _longest_ways(tree: Tree, counted: Container[str]) -> dict[str, int]:
-    """Return the most counted joints outwards, joint by joint."""
-    ways: dict[str, int] = {}
+def _chain_lengths(tree: Tree, counted: Container[str]) -> dict[str, int]:
+    """
+    Return the length of the longest chain from each joint outwards.
+
+    Its length is the number of `counted` joints, the first joint included.
+    """
+    lengths: dict[str, int] = {}
     for name, (_, child) in reversed(tree.ends.items()):
-        branches = [ways[joint] for joint in tree.joints_on(child)]
+        branches = [lengths[joint] for joint in tree.joints_on(child)]
         outwards = max(branches, default=0)
-        ways[name] = outwards + (name in counted)
-    return ways
+        lengths[name] = outwards + (name in counted)
+    return lengths
 
 
-def _is_end_effector(branches: list[int], arm_joints: int) -> bool:
+def _is_end_effector(branch_lengths: list[int], arm_joints: int) -> bool:
     """
-    Tell fingers from arms by the joints of branches.
+    Tell fingers from arms by the lengths of the branches at a link.
 
-    Fingers are several branches after the many joints of an arm. The longest two are equally
-    long, or all are shorter than half of the arm.
+    Fingers are two or more branches. The longest two are equally long and no longer than the
+    arm, or all are shorter than half of the arm.
     """
-    if len(branches) < 2:
+    if len(branch_lengths) < 2:
         return False
-    longest, second, *_ = sorted(branches, reverse=True)
+    longest, second, *_ = sorted(branch_lengths, reverse=True)
     return 2 * longest < arm_joints or longest == second <= arm_joints

@@ -194,7 +194,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         if not self._schedule.running or not self._subscribers:
             return
         in_force = self._schedule.update()
-        if self.parameters.changed:
+        if self.parameters.changed and in_force is not None:
             if not self.matched(self._publisher):
                 return
             self.parameters.announce(in_force)

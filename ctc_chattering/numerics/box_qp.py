@@ -13,17 +13,18 @@
 # limitations under the License.
 
 """
-The point of a box that is nearest to another point.
+Find the point of a box that is nearest to another point.
 
-The metric is that of an inverse inertia. For M symmetric positive definite, find the z with
+The squared distance is vᵀ M⁻¹ v, with M symmetric positive definite. So find the z with
 ``|z_i| <= bound_i`` that minimises ½ (z - point)ᵀ M⁻¹ (z - point). It exists and is unique. With
 ``M x = point - z`` its optimality conditions read, for every i::
 
     x_i = 0 where |z_i| < bound_i,   x_i >= 0 where z_i = bound_i,   x_i <= 0 where z_i = -bound_i
 
-Two set-valued terms are such problems: the friction of joints at rest (`simulation/friction.py`)
-and the chattering term of an implicit switching (`control/switching.py`). `bound` is what a joint
-can hold, `point` what holds all of them, x how they move.
+Such problems are the friction of joints at rest (`simulation/friction.py`), the chattering term of
+an implicit switching (`control/switching.py`), and the limits of the observers and their laws.
+For friction, `bound` is the largest friction torque, `point` the torque that would keep all joints
+at rest, and x their acceleration, or its product with a period.
 
 The method is principal pivoting with the least-index rule, which for a positive definite matrix
 visits no set of active bounds twice (Murty, *Linear Complementarity, Linear and Nonlinear
@@ -46,11 +47,12 @@ from ctc_chattering.compiled.compilable import (
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: Changes of the set of active bounds. Only rounding can lead beyond.
+#: Changes of the set of active bounds. Random problems of 7 joints took 37 at most. After these
+#: z is clipped to the box, and x is no longer that of z.
 _MAX_PIVOTS = 200
-#: Size of a point beyond which elimination would overflow. It is then clipped.
+#: Size of a point from which elimination could overflow. All joints are then put at a bound.
 _MAX_SIZE = 1e280
-#: Relative error of a sign that rounding explains.
+#: Relative tolerance within which a wrong sign of x is put down to rounding.
 _ROUNDING = 1e-13
 
 
@@ -69,16 +71,17 @@ def nearest(mass: Array, point: Array, bound: Array) -> Array:
 @function
 def nearest_and_motion(mass: Array, point: Array, bound: Array) -> tuple[Array, Array]:
     """
-    Return the solution of this module's problem, z and x.
+    Return the solution of this module's problem, z and x, shape (n,).
 
     Parameters
     ----------
     mass : array, shape (n, n)
         M, symmetric positive definite.
     point : array, shape (n,)
-        Any values. Within the box it is returned itself.
+        Within ±1e280 for a solution. Beyond, z is ±bound and x is `point`. Within the box it is
+        returned without a copy.
     bound : array, shape (n,)
-        Not negative.
+        From 0 to 1e9 (`parameters.LARGEST`). From 1e15 on, rounding hides wrong signs of x.
 
     """
     size = np.abs(point)
@@ -88,21 +91,21 @@ def nearest_and_motion(mass: Array, point: Array, bound: Array) -> tuple[Array, 
     side = np.sign(point)
     if not every(size < _MAX_SIZE):
         return side * bound, point
-    if not some(inside):  # Usually all of them are at their bounds.
+    if not some(inside):  # Usually every joint is then at its bound.
         z = side * bound
         x = solve(mass, point - z)
         if every(side * x >= 0.0):
             return z, x
-    #: Sign of the bound at which a joint is, 0 without one.
+    # From here on: sign of the bound at which a joint is, 0 if at none.
     side = np.where(inside, 0.0, side)
-    rounding = -_ROUNDING * (size + bound).max() / diagonal(mass)
+    tolerance = _ROUNDING * (size + bound).max() / diagonal(mass)
     z = x = point
     for _ in range(_MAX_PIVOTS):
         active = side != 0.0
         z = np.where(active, side * bound, point)
         x = solve_where(active, mass, point - z)
         z = np.where(active, z, point - dot(mass, x))
-        wrong = np.where(active, side * x < rounding, np.abs(z) > bound)
+        wrong = np.where(active, side * x < -tolerance, np.abs(z) > bound)
         if not some(wrong):
             break
         i = first(wrong)

@@ -13,12 +13,13 @@
 # limitations under the License.
 
 """
-The closed loop without ROS.
+Simulate the closed loop without ROS.
 
-`analysis.result.simulate`, and with it `ctc simulate`, maps and searches, calls `simulate`. Plant,
-controller and reference are those of the nodes. They come in as configurations, or ready made.
-At every sample the controller answers the state, and the plant takes that torque until the next.
-A `CompiledLoop` does so where it can, else plain Python.
+`analysis.result.simulate` calls `simulate`, and so do `ctc simulate`, maps and searches. Plant,
+controller and reference are those of the nodes. Each is given by its configuration. Plant and
+model may also be given as objects. At every sample the controller computes a torque from the
+measured state. The plant holds it until the next sample. The loop runs as machine code
+(`CompiledLoop`) where that is possible, otherwise in Python.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
-#: Calls of `progress` during a run of plain Python.
+#: Calls of `progress` during a run in Python, at least where there are as many samples.
 _PROGRESS_CALLS = 100
 
 
@@ -84,7 +85,7 @@ class Event:
 @dataclasses.dataclass(frozen=True)
 class Run:
     """
-    The N samples of a run with n joints.
+    The N recorded samples of a run with n joints.
 
     For a prismatic joint rad is m, and N·m is N.
 
@@ -126,7 +127,7 @@ class Run:
         return self.dq_d - self.dq
 
 
-@np.errstate(all='ignore')  # What overflows shows in the torque.
+@np.errstate(all='ignore')  # An overflow gives a torque that is not finite.
 def simulate(plant: PlantConfig, controller: ControllerConfig, reference: ReferenceConfig,
              events: Sequence[Event] = (),
              progress: Callable[[float], None] | None = None, truth: bool = False,
@@ -135,32 +136,32 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     """
     Return the samples of the closed loop.
 
-    They are from t = 0 to the plant's `duration`, both included, without lost ones. This is the
-    lockstep of the nodes.
+    They are from t = 0 to the plant's `duration`, both included. Samples whose measurement is lost
+    are left out. Timing is that of the nodes in lockstep.
 
     Parameters
     ----------
     plant, controller, reference
-        Configurations that agree (`configuration.loop_setup.check_agreement`). The joints of all
-        three are the same, in any order for the reference.
+        Consistent configurations (`configuration.loop_setup.check_agreement`). All three name the
+        same joints, the reference in any order.
     events : sequence of Event
         Changes of parameters during the run.
     progress : callable, optional
-        Called now and then with the simulated time [s].
+        Called with the simulated time [s]: machine code calls it only with 0 and `duration`.
     truth : bool
-        Record the true state in place of the one that the sensors show, as a bag has it.
+        Record the true state. By default the measured state is recorded, as in a bag.
     route : Route, optional
-        Waypoints in place of the reference's sinusoid.
+        Waypoints in place of the reference's profile.
     robot : Plant, optional
-        At its start, made from `plant`, in place of the one that `plant` describes.
+        Plant in its initial state, made for `plant`. The default is a new one.
     model : Model, optional
-        Of the controller, in place of the one that its configuration names.
+        Model of the controller. The default is the one that its configuration names.
 
     Raises
     ------
     CtcError
         If `duration` is 0, the motion diverges, the law has no finite torque, a position error
-        exceeds `error_limit`, or the waypoints are not allowed.
+        exceeds `error_limit`, or the waypoints are invalid.
 
     """
     if plant.duration <= 0.0:
@@ -174,28 +175,28 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         controller.joint_names, robot.period_ns, robot.last + 1 + controller.input_delay,
         tuple(endless.get(name, False) for name in reference.joint_names))
     loop = _Loop(robot, law, table, truth)
-    show = progress or (lambda _: None)
-    show(0.0)
-    machine_code = None if events else compiled_loop_of(robot, law)
-    if machine_code is not None and machine_code.compiled:
-        run = loop.by_machine_code(machine_code)
+    report_progress = progress or (lambda _: None)
+    report_progress(0.0)
+    compiled_loop = None if events else compiled_loop_of(robot, law)
+    if compiled_loop is not None and compiled_loop.compiled:
+        run = loop.by_machine_code(compiled_loop)
     else:
-        run = loop.by_plain_python(events, show)
-    show(plant.duration)
+        run = loop.by_plain_python(events, report_progress)
+    report_progress(plant.duration)
     return run
 
 
-#: Loops that are compiled, by thread and by what their layouts depend on.
+#: Compiled loops by thread, delays and array layouts; never emptied.
 _LOOPS: dict[Any, CompiledLoop] = {}
 
 
 def compiled_loop_of(robot: Plant, law: Controller) -> CompiledLoop | None:
     """
-    Return the loop for machine code, or None where that cannot be.
+    Return the loop for machine code, or None if plant or law cannot have it.
 
-    It is before its first sample, and may have to be compiled first. In a thread it is the same
-    one for the same class of law and robot, with other numbers filled in. So it must be run before
-    it is requested again.
+    If it is not `compiled`, its code is yet to be built. Otherwise it is before its first sample.
+    A thread has one such loop for the same delays and array layouts, and each call fills in its
+    numbers. So it must be run before it is requested again.
     """
     arm = robot.arm
     model = law.arm
@@ -221,11 +222,11 @@ class _Loop:
     Parameters
     ----------
     robot, law
-        At their start.
-    table : array, shape (N + delay, 3, n)
-        Points of the reference, of `reference_table`.
+        Plant and controller before their first sample.
+    table : array, shape (samples + delay, 3, n)
+        Points of the reference, from `reference_table`, also at lost samples.
     truth : bool
-        As of `simulate`.
+        As in `simulate`.
 
     """
 
@@ -234,14 +235,14 @@ class _Loop:
         self._law = law
         self._table = table
         self._truth = truth
-        #: Whole turns from the robot's angles to those nearest to the reference [rad].
+        #: Multiples of 2 π by which the angles start nearest to the reference [rad].
         self._turns = TURN * np.array([
             turns_to(q, target) if continuous else 0
             for q, target, continuous in zip(
                 robot.measured[0], table[0, 0].tolist(), law.continuous)])
 
     def by_machine_code(self, loop: CompiledLoop) -> Run:
-        """Return the run of machine code."""
+        """Run the loop as machine code."""
         config = self._law.config
         end, samples = loop.run(
             self._robot, self._table, np.array(config.error_limit), self._turns, self._truth)
@@ -255,23 +256,24 @@ class _Loop:
             raise _no_torque(t, *loop.measured.tolist())
         return self._run_of(samples, compiled=True)
 
-    def by_plain_python(self, events: Sequence[Event], show: Callable[[float], None]) -> Run:
-        """Return the run of plain Python."""
+    def by_plain_python(self, events: Sequence[Event],
+                        report_progress: Callable[[float], None]) -> Run:
+        """Run the loop in Python."""
         robot = self._robot
         truth = self._truth
-        due = deque(sorted(events, key=lambda event: event.time))
+        pending_events = deque(sorted(events, key=lambda event: event.time))
         nodes: dict[str, Any] = {'plant': robot, 'controller': self._law}
         samples = empty_samples(robot.last + 1, robot.n)
         count = 0
         tau = robot.applied
         for k in range(robot.last + 1):
             t = seconds(k * robot.period_ns)
-            while due and t >= due[0].time:
-                event = due.popleft()
+            while pending_events and t >= pending_events[0].time:
+                event = pending_events.popleft()
                 node = nodes[event.node]
                 node.configure(node.config.changed(event.values))
             if not robot.lost:
-                sample = self._answer(k)
+                sample = self._control_step(k)
                 tau = sample.tau
                 samples.stamps[count] = robot.stamp
                 q, dq = (robot.q, robot.dq) if truth else robot.measured
@@ -283,11 +285,11 @@ class _Loop:
             if k < robot.last:
                 robot.step(tau)
             if k % max(1, robot.last // _PROGRESS_CALLS) == 0:
-                show(t)
+                report_progress(t)
         return self._run_of(samples.head(count), compiled=False)
 
-    def _answer(self, k: int) -> Sample:
-        """Return the law's sample at `k`; raise `CtcError` without a torque."""
+    def _control_step(self, k: int) -> Sample:
+        """Return the law's sample at `k`; raise `CtcError` if it must end."""
         robot = self._robot
         law = self._law
         q, dq = robot.measured
@@ -304,7 +306,7 @@ class _Loop:
         return sample
 
     def _run_of(self, samples: Samples, compiled: bool) -> Run:
-        """Return the run, with the reference at its stamps."""
+        """Return the run, with the reference extrapolated to the stamps."""
         stamps, q, dq, tau, v = samples
         k = np.rint(stamps / self._robot.period_ns).astype(int)
         on_grid = k * self._robot.period_ns

@@ -252,7 +252,7 @@ def run_loop(p: CompiledPlant, c: LoopRecords, drawn: Any, points: Array, sample
     """
     state = p.state
     status = c.status
-    tau = value(p.state.driven.received)
+    tau = value(p.state.driven.sent)
     measured = rows(c.measured, tau)
     table = rows(points, tau)
     ahead = rows(c.points, tau)

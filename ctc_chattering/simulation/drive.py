@@ -13,11 +13,11 @@
 # limitations under the License.
 
 """
-The drives between the torque that is sent and the one that acts.
+Simulate the drives, from the torque that is sent to the one that acts.
 
-A torque may come late, is in transit for some samples, is quantised and saturated. That is the
-command c, held over a period. The torque of a drive follows it by (DM1) of
-`dynamics/drive_response.py`.
+A torque may come late. It is delayed by `input_delay` samples, quantised and saturated. This is
+the command c, held over a period. The drive's torque τ follows it with a lag and a rate limit, by
+(DM1) of `dynamics/drive_response.py`. `plant_step.advance_plant` calls it at every sample.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ import numpy as np
 
 @record
 class Drives(NamedTuple):
-    """Drives, with parameters of `PlantConfig` by name, shape (n,)."""
+    """Drives of n joints, in arrays of shape (n,), with names of `PlantConfig`."""
 
-    #: h [s].
+    #: Control period h [s].
     period: float
-    #: Samples in transit.
+    #: Delay of the command [samples].
     input_delay: int
     #: Probability of a late torque.
     late_samples: float
@@ -45,8 +45,9 @@ class Drives(NamedTuple):
     torque_resolution: Array
     #: Largest command, inf for none [N·m].
     torque_saturation: Array
-    #: T [s] and R [N·m/s].
+    #: Time constant T [s].
     actuator_lag: Array
+    #: Rate limit R, inf for none [N·m/s].
     torque_rate_limit: Array
     #: True if no joint has a lag or a rate limit.
     ideal: bool
@@ -56,11 +57,11 @@ class Drives(NamedTuple):
 class Driven(NamedTuple):
     """Torques of the drives over a period, shape (n,) [N·m]."""
 
-    #: Torque that was sent for it.
-    received: Array
-    #: c.
+    #: Torque sent for it, also if it was late.
+    sent: Array
+    #: Command c.
     commanded: Array
-    #: c - τ at its start.
+    #: c - τ at its start, 0 if all drives are ideal.
     gap: Array
     #: τ at its end.
     torque: Array
@@ -75,25 +76,26 @@ def advance_drives(drives: Drives, previous: Driven, transit: Array, k: int, tau
     Parameters
     ----------
     drives : Drives
-        Parameters.
+        Drives with their delay.
     previous : Driven
-        The period before.
+        Torques of the period before.
     transit : array, shape (delay, n)
-        Torques in transit. `tau` takes the place of the one that arrives.
+        Torques in transit [N·m]. The one that arrives is replaced in place: by `tau`, or by the
+        torque sent before if `tau` is late.
     k : int
-        Sample.
+        Index of the sample.
     tau : array, shape (n,)
-        Torque sent at it [N·m].
+        Torque sent at the sample [N·m].
     chance : float
-        Number in [0, 1): below `late_samples`, this torque is late.
+        Uniform random number in [0, 1). The torque is late if it is below `late_samples`.
 
     """
     command = tau
     if chance < drives.late_samples:
-        command = previous.received
+        command = previous.sent
     if drives.input_delay > 0:
         i = k % drives.input_delay
-        arriving = 1.0 * transit[i]
+        arriving = 1.0 * transit[i]  # A copy.
         transit[i] = command
         command = arriving
     if some(drives.torque_resolution):

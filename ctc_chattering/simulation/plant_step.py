@@ -98,7 +98,7 @@ def advance_plant(mechanism: Mechanism, p: PlantParameters, state: PlantState, t
     state : PlantState
         State at the sample.
     transit : array, shape (delay, n)
-        Torques in transit [N·m]. The one that arrives is replaced by the one received.
+        Torques in transit [N·m]. `advance_drives` replaces the one that arrives.
     received : PlantInput
         Torque and random numbers.
 

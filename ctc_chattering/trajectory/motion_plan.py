@@ -13,10 +13,11 @@
 # limitations under the License.
 
 """
-The running motion of a reference, and its replacements.
+Keep the running motion of a reference, and replace it smoothly.
 
-Waypoints or changed parameters replace it. The node `reference` holds one `MotionPlan`. It passes
-on messages and parameters, and publishes the points of `MotionPlan.motion`.
+Waypoints replace the motion, and so do changed parameters of its profile. The node `reference`
+makes one `MotionPlan`, begins it and sets its parameters. `MotionSchedule` passes waypoints and
+times on, and reads the points to publish.
 """
 
 from __future__ import annotations
@@ -45,14 +46,14 @@ from ctc_chattering.trajectory.transitions import (
 )
 from ctc_chattering.trajectory.waypoints import check_names, Route, Waypoints
 
-#: Time over which waypoints that begin in the past are joined, without a start duration [s].
-_JOIN_TIME = 0.5
-#: Time over which a sinusoid passes into a changed one, without a start duration [s].
-_CHANGE_TIME = 2.0
-#: Greatest speed of the way into waypoints that are late, over the greatest of their own.
-_MAX_HASTE = 1.5
-#: Speed that is never too fast for it [rad/s or m/s].
-_GENTLE_SPEED = 0.5
+#: Default time to blend into waypoints that begin in the past [s].
+_JOIN_TIME_S = 0.5
+#: Default time to pass into a changed profile [s].
+_CHANGE_TIME_S = 2.0
+#: Speed limit while catching up with late waypoints, over their own top speed.
+_CATCH_UP_SPEED_RATIO = 1.5
+#: Speed that catching up may always have [rad/s or m/s].
+_MIN_CATCH_UP_SPEED = 0.5
 
 
 class Followed(NamedTuple):
@@ -60,35 +61,35 @@ class Followed(NamedTuple):
 
     #: Number of waypoints.
     waypoints: int
-    #: Number of waypoints that were past.
+    #: Number of waypoints that were already past.
     past: int
-    #: Instant at which the motion comes to rest, also without waypoints [ns].
+    #: Instant at which the motion comes to rest, for a stop as well [ns].
     end: int
-    #: Joints that take another turn than the waypoints say.
+    #: Continuous joints whose waypoints were shifted by whole turns.
     turned: tuple[str, ...] = ()
 
 
 class MotionPlan:
     """
-    A motion, which waypoints or changed parameters replace.
+    Motion that waypoints or changed parameters replace.
 
     Parameters
     ----------
     config : ReferenceConfig
         Parameters at the start.
     route : Route or None
-        Waypoints in place of the sinusoid.
+        Waypoints in place of the profile.
 
     Attributes
     ----------
     config : ReferenceConfig
-        Parameters in force. They may be replaced.
+        Requested parameters, which the node replaces. `update` takes those of the profile.
     limits : list of JointLimits, length n, or None
-        Limits of the robot, where they are known.
+        Limits of the robot, None if they are unknown.
     motion : TimedMotion or None
         None before it has begun.
     in_force : int
-        Instant from which on the parameters of the sinusoid are in force [ns].
+        Instant from which the motion passes into the last profile taken, 0 since `begin` [ns].
 
     """
 
@@ -98,13 +99,18 @@ class MotionPlan:
         self.limits: list[JointLimits] | None = None
         self.motion: TimedMotion | None = None
         self.in_force = 0
-        #: Parameters of the sinusoid that the motion has, or passes into.
+        #: Parameters of the profile that the motion has, or passes into.
         self._shape = _shape(config)
 
     @property
     def from_state(self) -> bool:
-        """Dependence of the motion on the robot's state."""
+        """Tell whether the motion begins at the robot's present state."""
         return self._route is not None or self.config.start_duration > 0.0
+
+    @property
+    def change_pending(self) -> bool:
+        """Tell whether `update` has yet to take a changed profile."""
+        return self._route is None and self._shape != _shape(self.config)
 
     def check(self, config: ReferenceConfig) -> None:
         """Raise `CtcError` if parameters would lead beyond the limits."""
@@ -125,7 +131,7 @@ class MotionPlan:
         start : mapping or None
             Position [rad] and velocity [rad/s] by joint, as far as they are known.
         t : int
-            Instant [ns].
+            Instant at which it begins [ns].
 
         Raises
         ------
@@ -135,29 +141,31 @@ class MotionPlan:
         """
         self.motion = make_motion(self.config, self._route, start, t, self.limits)
         self._shape = _shape(self.config)
+        self.in_force = 0
 
     def restart(self) -> None:
-        """Forget a motion that began at the robot, as time went back."""
+        """Discard a motion that began at the robot, since time went back."""
         if self.from_state:
             self.motion = None
 
     def follow(self, route: Route, now: int, begin: int, epoch: int = 0) -> Followed:
         """
-        Go through waypoints, or stop without any.
+        Follow waypoints, or stop without any.
 
-        Those until `begin` are left out. Where the next one is too near in time for the speed that
-        the waypoints have, the motion passes into theirs instead, and is late.
+        Waypoints before `begin` are skipped. If that makes the way to the next one too fast, the
+        motion blends into that of the waypoints later instead. Too fast is 1.5 times the top speed
+        of the waypoints, if that is above 0.5 rad/s or m/s, and what the limits forbid.
 
         Parameters
         ----------
         route : Route
-            Some of it may be past.
+            Waypoints, of which some may be past.
         now : int
             Present instant [ns].
         begin : int
-            Instant until which the motion is the present one [ns].
+            Instant from which the motion may be another one [ns].
         epoch : int
-            Instant 0 by the clock that a user of the waypoints knows, for messages [ns].
+            Time of the user's clock at instant 0, for the text of errors [ns].
 
         Raises
         ------
@@ -168,7 +176,7 @@ class MotionPlan:
         present = self.motion
         assert present is not None
         if isinstance(present, Transition) and present.t0 == present.end == begin:
-            present = present.origin  # What was to come at that instant never does.
+            present = present.origin  # A replacement that has not begun is itself replaced.
         if not len(route.points):
             return self._stop(route, present, begin)
         state = present.at(begin)
@@ -197,8 +205,8 @@ class MotionPlan:
               ) -> Waypoints | Transition:
         """Return the way into waypoints that are partly past."""
         points = [*motion.extremes(), state]
-        fastest = max(abs(v) for _, dq, _ in points for v in dq)
-        speed = max(_MAX_HASTE * fastest, _GENTLE_SPEED)
+        top_speed = max(abs(v) for _, dq, _ in points for v in dq)
+        speed = max(_CATCH_UP_SPEED_RATIO * top_speed, _MIN_CATCH_UP_SPEED)
         limits = self.limits or list(map(JointLimits, route.names))
         limits = limit_speed(limits, speed)
         if past < len(route.points):
@@ -210,7 +218,7 @@ class MotionPlan:
                 return direct
         return fit_duration(
             lambda duration: smooth_start(motion, begin, state, duration),
-            self.config.start_duration or _JOIN_TIME,
+            self.config.start_duration or _JOIN_TIME_S,
             limits)
 
     def _stop(self, route: Route, present: TimedMotion, begin: int) -> Followed:
@@ -227,42 +235,41 @@ class MotionPlan:
 
     def update(self, now: int, begin: int) -> bool:
         """
-        Return whether the motion passes into a changed sinusoid.
+        Pass into a changed profile, and return whether this call began it.
+
+        A change during another transition waits for its end.
 
         Parameters
         ----------
         now : int
-            Instant before which nothing is needed any more [ns].
+            Present instant [ns].
         begin : int
-            Instant from which on the motion may be another one [ns].
+            Instant from which the motion may be another one [ns].
 
         """
         while isinstance(self.motion, Transition) and now >= self.motion.end:
             self.motion = self.motion.target
         present = self.motion
-        shape = _shape(self.config)
-        if present is None or isinstance(present, Transition):
-            return False
-        if self._route is not None or self._shape == shape:
+        if present is None or isinstance(present, Transition) or not self.change_pending:
             return False
         changed = make_motion(self.config.changed({'start_duration': 0.0}))
         self.motion = fit_duration(
             lambda duration: Transition(present, changed, begin, duration),
-            self.config.start_duration or _CHANGE_TIME,
+            self.config.start_duration or _CHANGE_TIME_S,
             self.limits)
-        self._shape = shape
+        self._shape = _shape(self.config)
         self.in_force = begin
         return True
 
 
 def _turned_joints(requested: Route, route: Route) -> tuple[str, ...]:
-    """Return the joints that are at another turn than requested."""
-    wishes = zip(*(q for q, _, _ in requested.points))
+    """Return the joints whose waypoints are at another turn than requested."""
+    targets = zip(*(q for q, _, _ in requested.points))
     positions = zip(*(q for q, _, _ in route.points))
-    joints = zip(route.names, wishes, positions)
-    return tuple(name for name, wish, position in joints if wish != position)
+    joints = zip(route.names, targets, positions)
+    return tuple(name for name, target, position in joints if target != position)
 
 
 def _shape(config: ReferenceConfig) -> tuple[tuple[float, ...], ...]:
-    """Return the parameters of the sinusoid."""
+    """Return the parameters of the profile that may change."""
     return config.center, config.amplitude, config.frequency, config.phase

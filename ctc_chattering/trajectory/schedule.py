@@ -176,14 +176,18 @@ class MotionSchedule:
         self._next = begin // self._period
         return followed
 
-    def update(self) -> int:
-        """Take changed parameters, and return their first stamp in force [ns]."""
+    def update(self) -> int | None:
+        """
+        Take changed parameters, and return their first stamp in force [ns].
+
+        It is None while they wait for the end of a transition.
+        """
         assert self.now is not None
         begin = self._after_published(self.now)
         if self._plan.update(self.now, begin):
             self._next = begin // self._period
         start = self._start or 0
-        return start + self._plan.in_force
+        return None if self._plan.change_pending else start + self._plan.in_force
 
     def chunks(self) -> Iterator[tuple[int, list[Point]]]:
         """Yield stamp and samples of each chunk up to the horizon."""

@@ -41,7 +41,7 @@ def at(part: float, strained: float = 0.0, law: str = 'observer_feedback', cycli
     if isinstance(memory, Memory):
         oscillation = memory.oscillation._replace(
             retreat=math.log(part), strained=strained, cycling=cycling,
-            last=np.array([0.0, 9.0]), second_last=np.array([0.0, 8.0]),
+            wave_1=np.array([0.0, 9.0]), wave_2=np.array([0.0, 8.0]),
             frequency=np.array([3.0, 21.2]))
         made.memories = made.memories._replace(law=memory._replace(oscillation=oscillation))
     return made

@@ -134,3 +134,24 @@ def test_changed_parameters_are_in_force_after_what_has_been_published() -> None
     schedule._plan.config = CONFIG.changed({'amplitude': (0.1, 0.1)})
     assert schedule.update() == 2 * S + 100 * MS
     assert stamps(schedule)[0] == 2 * S + 100 * MS
+
+
+def test_a_change_during_a_transition_is_in_force_after_its_end() -> None:
+    schedule = scheduled()
+    schedule.follow_clock(2 * S)
+    for amplitude in (0.1, 0.2):
+        schedule._plan.config = CONFIG.changed({'amplitude': (amplitude, amplitude)})
+        in_force = schedule.update()
+    assert in_force is None
+    schedule.follow_clock(5 * S)
+    assert schedule.update() == 5 * S + 100 * MS
+
+
+def test_a_motion_that_begins_again_has_its_parameters_from_its_start_on() -> None:
+    plan = MotionPlan(CONFIG.changed({'start_duration': 1.0}), None)
+    plan.begin({}, 0)
+    plan.config = plan.config.changed({'amplitude': (0.1, 0.1)})
+    assert plan.update(8 * S, 8 * S)
+    plan.restart()
+    plan.begin({}, 0)
+    assert plan.in_force == 0

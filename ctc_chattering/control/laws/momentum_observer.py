@@ -20,17 +20,19 @@ The momentum p = M dq of the plant M ddq + C dq + G + P = τ obeys, since dM/dt 
 
     dp/dt = τ + β - P,     β = Cᵀ dq - G                                                     (MO1)
 
-Their residual r = -P̂ follows -P with the gain K. Sampled, τ is held, β is integrated by the
-trapezoidal rule, and the filter is exact for its pole::
+P is the perturbation, and C the matrix of Christoffel symbols. Their residual r = -P̂ tracks -P
+with the bandwidth K [rad/s] (`momentum_gain`). In discrete time τ is constant over a period, β is
+integrated by the trapezoidal rule, and the first-order filter is exact::
 
     P[k-1] = τ[k-1] + ½ (β[k-1] + β[k]) - (p[k] - p[k-1]) / h                                (MO2)
     P̂[k]   = P̂[k-1] + (1 - exp(-K h)) (P[k-1] - P̂[k-1])                                    (MO3)
     τ[k]   = M (ddq_d + Kv de + Kp e) + C dq + G + P̂[k]                                      (MO4)
 
-τ in (MO2) is the torque that was applied, so limits do not wind P̂ up. With M̂ = c M, (MO2) to
-(MO4) give P̂[k] = (1 - c (1 - exp(-K h))) P̂[k-1] + ..., which is stable if::
+τ in (MO2) is the torque that was applied, so saturation does not wind P̂ up. With a model's
+inertia of a M, (MO2) to (MO4) give P̂[k] = (1 - a (1 - exp(-K h))) P̂[k-1] + ..., which is stable
+if::
 
-    c (1 - exp(-K h)) < 2                                                                    (MO5)
+    a (1 - exp(-K h)) < 2                                                                    (MO5)
 """
 
 from __future__ import annotations
@@ -55,8 +57,9 @@ class Momentum(NamedTuple):
     perturbation: Array
     #: M dq of the last sample [N·m·s].
     p: Array
-    #: β and τ of the last sample [N·m].
+    #: β of the last sample [N·m].
     beta: Array
+    #: Torque applied after the last sample [N·m].
     tau: Array
     #: 1.0 after the first sample, else 0.0.
     has_sample: float
@@ -71,7 +74,7 @@ class MomentumObserver(NamedTuple):
     gain: float
     #: h [s].
     period: float
-    #: n zeros.
+    #: Zeros, shape (n,).
     zero: Array
 
     @classmethod
@@ -81,11 +84,11 @@ class MomentumObserver(NamedTuple):
         return cls(gain, period, np.zeros(len(config.joint_names)))
 
     def initial(self) -> Momentum:
-        """Return P̂ = 0."""
+        """Return the memory at the start, with P̂ = 0."""
         return Momentum(self.zero, self.zero, self.zero, self.zero, 0.0)
 
     def initialized(self, now: State, estimate: Array) -> Momentum:
-        """Continue from the estimate of the other law."""
+        """Return the memory that continues from another law's estimate."""
         return self.initial()._replace(perturbation=estimate)
 
     def updated(self, memory: Momentum, now: State) -> Momentum:
@@ -95,12 +98,12 @@ class MomentumObserver(NamedTuple):
         P = memory.perturbation
         if memory.has_sample != 0.0:
             dp = (p - memory.p) / self.period
-            last_P = memory.tau + 0.5 * (memory.beta + beta) - dp
-            P = P + self.gain * (last_P - P)
+            measured_P = memory.tau + 0.5 * (memory.beta + beta) - dp
+            P = P + self.gain * (measured_P - P)
         return memory._replace(perturbation=P, p=p, beta=beta)
 
     def terms(self, memory: Momentum, state: State) -> tuple[Terms, Momentum]:
-        """Return the terms of (MO4)."""
+        """Return the terms of (MO4) at `state`, predicted for when the torque acts."""
         return Terms(state.N, state.zero, -memory.perturbation, state.zero), memory
 
     def advanced(self, memory: Momentum, now: State, applied: Applied) -> Momentum:

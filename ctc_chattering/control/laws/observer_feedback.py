@@ -73,7 +73,6 @@ from ctc_chattering.control.oscillation import (
     design_guard,
     Oscillation,
     OscillationGuard,
-    START_GRACE_S,
 )
 from ctc_chattering.control.recommended_gains import ObserverRule
 from ctc_chattering.control.sample import (
@@ -223,7 +222,7 @@ class ObserverFeedback(NamedTuple):
         oscillation = Oscillation(
             *(zero,) * 4,
             retreat=0.0,
-            strained=-START_GRACE_S,
+            strained=0.0,
             frequency=zero,
             calm=0.0,
             cycling=0.0)
