@@ -314,6 +314,17 @@ class TrajectoryFrame:
         self._doubles[self._indices] = numbers
         return bytes(self._data)
 
+    def take_bytes(self, data: bytes) -> bool:
+        """
+        Take the bytes of a received message, and return whether it has this layout.
+
+        Bytes that only align others are its sender's. ROS does not set them.
+        """
+        if len(data) != self.size or data[:_CDR_HEADER] != self._data[:_CDR_HEADER]:
+            return False
+        self._data[:] = data
+        return True
+
     def numbers(self, data: bytes) -> Array:
         """Return all numbers of the points in another message of this frame."""
         numbers: Array = _doubles(data)[self._indices]
@@ -324,8 +335,8 @@ class TrajectoryReader:
     """
     Reads `JointTrajectory` messages.
 
-    ROS reads a message. The next one is of the same frame if its numbers in that frame give the
-    same bytes, and then needs no ROS.
+    ROS reads a message. The next one is of the same frame if it differs in stamp and numbers only,
+    and then needs no ROS.
     """
 
     def __init__(self) -> None:
@@ -356,7 +367,8 @@ class TrajectoryReader:
         n = len(content.names)
         has_frame = n and {len(row) for row in rows} == {n} and not any(
             len(point.effort) for point in message.points)
-        self._frame = TrajectoryFrame(message) if has_frame else None
+        frame = TrajectoryFrame(message) if has_frame else None
+        self._frame = frame if frame is not None and frame.take_bytes(data) else None
         return content
 
 

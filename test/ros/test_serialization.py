@@ -208,14 +208,13 @@ def test_trajectories_of_one_frame_and_others_between(names: tuple[str, ...]) ->
 
 
 def test_a_trajectory_of_a_known_frame_needs_no_ros(monkeypatch: pytest.MonkeyPatch) -> None:
-    read = TrajectoryReader()
-    frame = [([[0.5, 1.0]] * 3, 0, k) for k in range(3)]
-    read(chunk(('a', 'b'), frame, (1, 2)))
+    read, writer = TrajectoryReader(), TrajectoryWriter(['a', 'b'], 1, 3)
+    read(writer.write(1_000_000_002, [([0.5, 1.0],) * 3] * 3))
     monkeypatch.setattr('ctc_chattering.ros.messages.deserialize_message', None)
-    later = [([[k + 0.1, k - 0.1]] * 3, 0, k) for k in range(3)]
-    content = read(chunk(('a', 'b'), later, (3, 4)))
+    later = [([k + 0.1, k - 0.1],) * 3 for k in range(3)]
+    content = read(writer.write(3_000_000_004, later))
     assert (content.t, content.offsets) == (3_000_000_004, [0, 1, 2])
-    assert content.rows == [row for rows, _, _ in later for row in rows]
+    assert content.rows == [row for point in later for row in point]
 
 
 def test_writers_take_no_other_number_of_joints() -> None:
