@@ -148,11 +148,11 @@ class Stop(_TimedPassage):
         rate = 1.0 - s * s * (3.0 - 2.0 * s)
         rate_change = 6.0 * s * (s - 1.0) / T
         t_on_path = self.t0 + round(elapsed * NANOSECONDS)
-        q, dq, ddq = np.array(self._path.at(t_on_path))
-        return as_point(
-            q,
-            rate * dq,
-            rate * rate * ddq + rate_change * dq)
+        q, dq, ddq = self._path.at(t_on_path)
+        return (
+            tuple(q),
+            tuple(rate * v for v in dq),
+            tuple(rate * rate * a + rate_change * v for v, a in zip(dq, ddq)))
 
 
 class Transition(_TimedPassage):
@@ -197,14 +197,16 @@ class Transition(_TimedPassage):
         duration = t - self.t0
         s = seconds(duration) / self._span
         w, dw, ddw = quintic(s, self._span, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
-        origin = np.array(self.origin.at(t))
-        shift = np.array(self.target.at(t)) - origin
-        q, dq, ddq = origin + w * shift
-        shift_q, shift_dq, _ = shift
-        return as_point(
-            q,
-            dq + dw * shift_q,
-            ddq + 2.0 * dw * shift_dq + ddw * shift_q)
+        joints = []
+        for q, dq, ddq, target_q, target_dq, target_ddq in zip(
+                *self.origin.at(t), *self.target.at(t)):
+            distance = target_q - q
+            difference = target_dq - dq
+            joints.append((
+                q + w * distance,
+                dq + w * difference + dw * distance,
+                ddq + w * (target_ddq - ddq) + 2.0 * dw * difference + ddw * distance))
+        return tuple(zip(*joints))  # type: ignore[return-value]
 
 
 def smooth_start(motion: TimedMotion, t0: int, start: Point, duration: float) -> Transition:
