@@ -495,7 +495,7 @@ class Controller:
         vectors = [q, dq, q_d, dq_d, ddq_d]
         try:
             for point in ahead[:delay]:
-                vectors += point
+                vectors.extend(point)
             rows = np.array(vectors, float)
             if rows.shape == (5 + 3 * delay, self.model.n):
                 return rows

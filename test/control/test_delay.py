@@ -14,6 +14,8 @@
 
 """The known input delay: the predicted state, and the law for it."""
 
+from typing import Any
+
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -66,6 +68,17 @@ def test_the_torque_is_the_undelayed_law_of_the_state_d_samples_later(
         q, dq = _move(q, dq, sent[k - d] if k >= d else np.zeros(2))
     assert np.abs(sample.v).max() < 1e-3
     assert np.abs(np.subtract(sent[-1], sent[-1 - d])).max() > 0.05
+
+
+def test_points_ahead_may_be_arrays() -> None:
+    """A node passes tuples, the simulation rows of a table."""
+    first, second = _law(2, 'implicit'), _law(2, 'implicit')
+    for k in range(3):
+        ahead = [_desired(k + j) for j in (1, 2)]
+        state = [0.1, 0.2], [0.0, 0.0]
+        sample = first.step(*state, *_desired(k), ahead)
+        arrays: list[Any] = [np.array(point) for point in ahead]
+        assert second.step(*state, *_desired(k), arrays) == sample
 
 
 @pytest.mark.parametrize(('switching', 'bound', 'factor'), [
