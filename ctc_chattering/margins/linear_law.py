@@ -35,9 +35,11 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import RECORDS
 from ctc_chattering.compiled.records import load, packed
-from ctc_chattering.control.controller import Controller, Sample
+from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.sample import TRANSIT_ROWS
+from ctc_chattering.control.irregular_sample import REGULAR
+from ctc_chattering.control.sample import Memories, TRANSIT_ROWS
+from ctc_chattering.control.step import PlainStep
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array, Flags, Rows, Vector
@@ -184,20 +186,26 @@ class _SteadyMotion:
     """The control step in the motion, over its memory."""
 
     def __init__(self, config: ControllerConfig, mass: Array) -> None:
-        self._controller = controller = Controller(config, Frozen(mass))
+        controller = Controller(config, Frozen(mass))
         self._period = controller.settings.period
         self._zeros = np.zeros(len(mass))
         self._ones = np.ones(len(mass))
         settling = _SETTLING_SAMPLES + 2 * config.input_delay
         for k in range(-settling, 0):
-            q = k * self._period * self._ones
-            self._answer(q, self._ones, k)
-        memories = controller.memories
-        if type(memories.law) not in RECORDS:
+            point, *ahead = self._reference(k, config.input_delay)
+            q, dq, ddq = point
+            controller.step(q, dq, q, dq, ddq, ahead)
+        control, law_memory, self._last = controller.memories
+        if type(law_memory) not in RECORDS:
             raise CtcError(
                 f'law {config.law}: its memory is not marked by @record; its stability '
                 'is not computed')
-        self._layout = packed(memories).dtype
+        self._transit = controller.transit
+        self._stepper = PlainStep(
+            controller.settings, controller.law, controller.memories, self._transit,
+            controller.model)
+        self._layouts = packed(control).dtype, packed(law_memory).dtype
+        self._rows = np.concatenate(self._reference(0, config.input_delay))
         memory = self._memory()
         #: Number of values in the memory.
         self.states = len(memory)
@@ -206,44 +214,43 @@ class _SteadyMotion:
             self._zeros,
             self._ones])
 
-    def _answer(self, q: Any, dq: Any, k: int) -> Sample:
-        """Return the answer to a state with the reference from sample `k` on."""
-        delay = self._controller.config.input_delay
-        points: list[Any] = []
+    def _reference(self, k: int, delay: int) -> list[Any]:
+        """Return the points at sample `k` and at those of the delay."""
+        points = []
         for index in range(k, k + delay + 1):
             t = index * self._period
             points.append((t * self._ones, self._ones, self._zeros))
-        q_d, dq_d, ddq_d = points[0]
-        return self._controller.step(q, dq, q_d, dq_d, ddq_d, points[1:])
+        return points
 
     def _memory(self) -> Array:
-        """Return the memories with the torques in transit in order."""
-        controller = self._controller
-        memories = controller.memories
-        transit_index = int(memories.control.transit_index)
-        shift = -TRANSIT_ROWS * transit_index
-        transit = np.roll(controller.transit, shift, axis=0)
-        control = memories.control._replace(transit_index=0.0)
-        record = packed(memories._replace(control=control))
-        numbers = np.frombuffer(record.tobytes())
+        """
+        Return the memories of step and law, and the torques in transit in order.
+
+        The last sample counts only where states are irregular.
+        """
+        control, law_memory, _ = self._stepper.memories
+        shift = -TRANSIT_ROWS * int(control.transit_index)
+        transit = np.roll(self._transit, shift, axis=0)
+        records = packed(control._replace(transit_index=0.0)), packed(law_memory)
         return np.concatenate([
-            numbers,
+            *(np.frombuffer(record.tobytes()) for record in records),
             transit.ravel()])
 
     def _step(self, values: Array) -> Array:
         """Return memory and τ a period later."""
-        controller = self._controller
-        count = self._layout.itemsize // 8
-        numbers, transit, y = np.split(values, [count, self.states])
-        shape = controller.transit.shape
-        controller.transit[:] = transit.reshape(shape)
-        record, = np.frombuffer(numbers.tobytes(), self._layout)
-        controller.memories = load(record)
-        q, dq = np.split(y, 2)
-        sample = self._answer(q, dq, 0)
+        sizes = [layout.itemsize // 8 for layout in self._layouts]
+        ends = np.cumsum(sizes)
+        *numbers, transit, y = np.split(values, [*ends, self.states])
+        control, law_memory = (
+            load(np.frombuffer(x.tobytes(), layout)[0])
+            for x, layout in zip(numbers, self._layouts))
+        self._transit[:] = transit.reshape(self._transit.shape)
+        self._stepper.memories = Memories(control, law_memory, self._last)
+        rows = np.concatenate([y.reshape(2, -1), self._rows])
+        tau = self._stepper.step(rows, REGULAR)[0]
         return np.concatenate([
             self._memory(),
-            sample.tau])
+            tau])
 
     def sensitivity(self) -> Array:
         """
