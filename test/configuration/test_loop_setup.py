@@ -23,9 +23,9 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.node_parameters import LOOP, NODES
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
+from parameter_files import loaded, refused
 import pytest
 
 CONFIG = Path(__file__).parents[2] / 'config'
@@ -34,25 +34,6 @@ CONFIG = Path(__file__).parents[2] / 'config'
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     return tmp_path / 'a file.yaml'
-
-
-def section(node: str, body: str) -> str:
-    return f'"{node}":\n  ros__parameters:\n' + ''.join(
-        f'    {line}\n' for line in body.splitlines())
-
-
-def loaded(file: Path, *sections: tuple[str, str]) -> Setup:
-    file.write_text(''.join(section(*x) for x in sections), encoding='utf-8')
-    return parameter_file.load(file)
-
-
-def refused(call: Any, *words: str) -> None:
-    """Assert that `call` raises one line with all `words` in it."""
-    with pytest.raises(CtcError) as error:
-        call()
-    text = str(error.value)
-    assert len(text.splitlines()) == 1
-    assert [word for word in words if word not in text] == []
 
 
 @pytest.mark.parametrize(('node', 'line'), [

@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.node_parameters import NODES
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.parameter_file import load_parameters, with_gains
@@ -31,6 +30,7 @@ from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.parameters import LARGEST, LEAST
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from parameter_files import loaded, refused
 import pytest
 from urdfs import two_links
 
@@ -40,25 +40,6 @@ CONFIG = Path(__file__).parents[2] / 'config'
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     return tmp_path / 'a file.yaml'
-
-
-def section(node: str, body: str) -> str:
-    return f'"{node}":\n  ros__parameters:\n' + ''.join(
-        f'    {line}\n' for line in body.splitlines())
-
-
-def loaded(file: Path, *sections: tuple[str, str]) -> Setup:
-    file.write_text(''.join(section(*x) for x in sections), encoding='utf-8')
-    return parameter_file.load(file)
-
-
-def refused(call: Any, *words: str) -> None:
-    """Assert that `call` raises one line with all `words` in it."""
-    with pytest.raises(CtcError) as error:
-        call()
-    text = str(error.value)
-    assert len(text.splitlines()) == 1
-    assert [word for word in words if word not in text] == []
 
 
 @pytest.mark.parametrize('path', sorted(CONFIG.glob('*.yaml')), ids=lambda path: path.stem)
