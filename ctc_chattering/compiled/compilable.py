@@ -43,8 +43,8 @@ T = TypeVar('T')
 
 #: Marked functions.
 FUNCTIONS: list[Callable[..., Any]] = []
-#: Marked records.
-RECORDS: list[type] = []
+#: Marked records, as keys: each field that is packed or stored is looked up.
+RECORDS: dict[type, None] = {}
 
 
 def function(marked: F) -> F:
@@ -63,7 +63,7 @@ def record(marked: type[T]) -> type[T]:
         Its fields are numbers, arrays and other records. Its methods change nothing.
 
     """
-    RECORDS.append(marked)
+    RECORDS[marked] = None
     return marked
 
 

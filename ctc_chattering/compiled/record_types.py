@@ -143,7 +143,7 @@ def register() -> None:
     """Make all marked functions and methods known to numba."""
     _functions.extend(map(
         register_jitable(**INTERNAL), compilable.FUNCTIONS[len(_functions):]))
-    for marked in compilable.RECORDS[len(_records):]:
+    for marked in [*compilable.RECORDS][len(_records):]:
         _records.append(marked)
         for name, method in inspect.getmembers(marked, inspect.isfunction):
             if not name.startswith('_'):

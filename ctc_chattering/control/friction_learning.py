@@ -32,6 +32,7 @@ from math import exp
 from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import record
+from ctc_chattering.numerics.box_qp import clip
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -103,7 +104,7 @@ class FrictionLearner(NamedTuple):
         slow_estimate = last.slow_estimate + self.slow_gain * (perturbation - last.slow_estimate)
         phi = lag3 - slow_sign
         level = last.level + self.gain * phi * (perturbation - slow_estimate)
-        level = np.minimum(np.maximum(level, 0.0), self.bound)
+        level = clip(level, 0.0, self.bound)
         return LearnedFriction(level, lag1, lag2, lag3, slow_sign, slow_estimate)
 
 

@@ -63,7 +63,7 @@ from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.filter import design_filter, ErrorFilter
 from ctc_chattering.control.laws.base import Estimator, with_defaults
 from ctc_chattering.control.sample import Applied, State
-from ctc_chattering.numerics.box_qp import nearest
+from ctc_chattering.numerics.box_qp import clip, nearest
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -183,8 +183,7 @@ class BoundaryLayer(NamedTuple):
 
     def term(self, memory: Perturbation, state: State, compensation: Array) -> tuple[Array, Array]:
         """Return Ka sat(v / width)."""
-        sat = np.minimum(np.maximum(state.v / self.width, -1.0), 1.0)
-        return self.ka * sat, state.zero
+        return self.ka * clip(state.v / self.width, -1.0, 1.0), state.zero
 
 
 @switching

@@ -57,7 +57,7 @@ _ROUNDING = 1e-13
 
 
 @function
-def clip(x: Array, lower: Array, upper: Array) -> Array:
+def clip(x: Array, lower: Array | float, upper: Array | float) -> Array:
     """Return `x` within bounds, shape (n,)."""
     return np.minimum(np.maximum(x, lower), upper)
 

@@ -26,9 +26,9 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import function, record, some
 from ctc_chattering.dynamics.drive_response import response
+from ctc_chattering.numerics.box_qp import clip
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.sensor import quantised
-import numpy as np
 
 
 @record
@@ -100,7 +100,7 @@ def advance_drives(drives: Drives, previous: Driven, transit: Array, k: int, tau
         command = arriving
     if some(drives.torque_resolution):
         command = quantised(command, drives.torque_resolution)
-    command = np.minimum(np.maximum(command, -drives.torque_saturation), drives.torque_saturation)
+    command = clip(command, -drives.torque_saturation, drives.torque_saturation)
     if drives.ideal:
         return Driven(tau, command, previous.gap, command)
     gap = command - previous.torque

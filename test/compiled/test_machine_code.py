@@ -131,7 +131,7 @@ def test_the_text_of_a_user_is_part_of_what_uses_it(
     path = tmp_path / 'module_of_a_user.py'
     path.write_text(text)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(compilable, 'RECORDS', [*compilable.RECORDS])
+    monkeypatch.setattr(compilable, 'RECORDS', compilable.RECORDS.copy())
     pair, table = _arguments(2)
     without = Code(added, (pair, table), 'added').path
     gain = packed(import_module('module_of_a_user').Gain(np.zeros(2)))

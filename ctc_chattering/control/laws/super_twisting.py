@@ -45,6 +45,7 @@ from ctc_chattering.control.filter import design_filter, ErrorFilter
 from ctc_chattering.control.laws.base import law
 from ctc_chattering.control.recommended_gains import PoleRule
 from ctc_chattering.control.sample import Applied, State, Terms
+from ctc_chattering.numerics.box_qp import clip
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -101,7 +102,7 @@ class SuperTwisting(NamedTuple):
         excess = np.maximum(np.abs(r) - bound, 0.0)
         discriminant = linear * linear + 4.0 * excess
         root = 2.0 * excess / (linear + np.sqrt(discriminant))                      # √|v⁺|
-        xi = np.minimum(np.maximum(r / bound, -1.0), 1.0)
+        xi = clip(r / bound, -1.0, 1.0)
         w = memory.w + self.jump * xi                                               # (ST3)
         a = self.k1 * root * np.sign(r) + w
         terms = Terms(state.N, state.zero, dot(state.M, a), state.zero)
