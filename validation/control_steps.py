@@ -36,13 +36,12 @@ import random
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
+from independent_laws import Array, Dynamics, paper_dynamics
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 from scipy.optimize import lsq_linear  # type: ignore[import-untyped]
 from urdfs import PANDA, panda, two_links, UR5, ur5
 
-Array = npt.NDArray[np.float64]
 Vector = list[float]
 Point = tuple[Vector, Vector, Vector]
 State = tuple[Vector, Vector]
@@ -55,14 +54,6 @@ JOINTS = {'two_link': ('joint1', 'joint2'), 'swapped': ('b', 'a'), 'panda': PAND
 URDFS: dict[str, Callable[[], str]] = {'swapped': two_links, 'panda': panda, 'ur5': ur5}
 
 
-class Dynamics(NamedTuple):
-    """M and C, shape (n, n), and G, shape (n,), in a state."""
-
-    M: Array
-    C: Array
-    G: Array
-
-
 class PaperArm:
     """The two-link arm of the paper."""
 
@@ -71,13 +62,7 @@ class PaperArm:
 
     def at(self, q: Array, dq: Array) -> Dynamics:
         """Return the dynamics in a state."""
-        c, s, g = np.cos(q[1]), np.sin(q[1]), self._gravity
-        fall = 0.63 * np.sin(q[0] + q[1])
-        coupling = 0.76 + 0.51 * c
-        return Dynamics(
-            np.array([[8.77 + 1.02 * c, coupling], [coupling, 0.62]]),
-            0.51 * s * np.array([[-dq[1], -dq[0] - dq[1]], [dq[0], 0.0]]),
-            g * np.array([7.6 * np.sin(q[0]) + fall, fall]))
+        return paper_dynamics(q, dq, self._gravity)
 
 
 class UrdfArm:

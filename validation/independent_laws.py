@@ -30,6 +30,25 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 
+class Dynamics(NamedTuple):
+    """M and C, shape (n, n), and G, shape (n,), in a state."""
+
+    M: Array
+    C: Array
+    G: Array
+
+
+def paper_dynamics(q: Array, dq: Array, gravity: float) -> Dynamics:
+    """Return the dynamics of the paper's two-link arm."""
+    c, s = np.cos(q[1]), np.sin(q[1])
+    fall = 0.63 * gravity * np.sin(q[0] + q[1])
+    coupling = 0.76 + 0.51 * c
+    M = np.array([[8.77 + 1.02 * c, coupling], [coupling, 0.62]])
+    C = 0.51 * s * np.array([[-dq[1], -dq[0] - dq[1]], [dq[0], 0.0]])
+    G = np.array([7.6 * gravity * np.sin(q[0]) + fall, fall])
+    return Dynamics(M, C, G)
+
+
 class Known(NamedTuple):
     """What every law knows: the model with its error, and the drives; arrays of shape (2,)."""
 
@@ -41,12 +60,7 @@ class Known(NamedTuple):
 
     def matrices(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
         """Return M, C and G of the paper, times `scale`."""
-        c, s = np.cos(q[1]), np.sin(q[1])
-        fall = 0.63 * 9.81 * np.sin(q[0] + q[1])
-        coupling = 0.76 + 0.51 * c
-        M = np.array([[8.77 + 1.02 * c, coupling], [coupling, 0.62]])
-        C = 0.51 * s * np.array([[-dq[1], -dq[0] - dq[1]], [dq[0], 0.0]])
-        G = np.array([7.6 * 9.81 * np.sin(q[0]) + fall, fall])
+        M, C, G = paper_dynamics(q, dq, 9.81)
         return self.scale * M, self.scale * C, self.scale * G
 
     def model(self, q: Array, dq: Array) -> tuple[Array, Array]:

@@ -184,26 +184,24 @@ class Bag:
 
     def read(self, connections: Collection[Connection]) -> Iterator[tuple[int, Any]]:
         """
-        Yield log time [ns] and message of topics, as `read_serialized`.
+        Yield log time [ns] and message of topics, as `select_readable`.
 
         Messages that cannot be decoded are left out.
         """
-        for message_type, t, data in self.read_serialized(connections):
-            message = self.decode(data, message_type)
+        readable = self.select_readable(connections)
+        for x, t, data in self.messages(readable) if readable else ():
+            message = self.decode(data, x.msgtype)
             if message is not None:
                 yield t, message
 
-    def read_serialized(self, connections: Collection[Connection]
-                        ) -> Iterator[tuple[str, int, bytes]]:
+    def select_readable(self, connections: Collection[Connection]) -> list[Connection]:
         """
-        Yield type, log time [ns] and data of each message.
-
-        Topics that are not CDR are left out.
+        Return the connections of a topic that are CDR.
 
         Raises
         ------
         CtcError
-            If no topic is CDR, the bag has no definition of a type, or it is damaged.
+            If none of them is CDR, or the bag has no definition of a type.
 
         """
         readable = [x for x in connections if is_cdr(x)]
@@ -216,8 +214,7 @@ class Bag:
                 raise CtcError(
                     f'{self.path}: the bag has no definition of {x.msgtype}, which {x.topic} is '
                     'of: record with --storage mcap, or convert it where that is installed')
-        for x, t, data in self.messages(readable) if readable else ():
-            yield x.msgtype, t, data
+        return readable
 
     def decode(self, data: Any, message_type: str) -> Any:
         """Return the message in serialized data, or None."""

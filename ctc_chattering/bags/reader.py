@@ -43,7 +43,14 @@ from ctc_chattering.bags.recorded_law import (
 )
 from ctc_chattering.bags.recorded_reference import read_reference, RecordedReference
 from ctc_chattering.bags.repair import open_bag
-from ctc_chattering.bags.signals import Instants, JOINT_STATE, MULTI_ARRAY, Signal, SignalTopic
+from ctc_chattering.bags.signals import (
+    Instants,
+    JOINT_STATE,
+    MULTI_ARRAY,
+    read_signals,
+    Signal,
+    SignalTopic,
+)
 from ctc_chattering.bags.state_order import order_states, STAMP_LIMITS
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
@@ -224,12 +231,13 @@ def _read_signals(bag: Bag, joints: tuple[str, ...]) -> dict[str, Signal]:
         _TORQUES: (JOINT_STATE, ('effort',), (*terms, 'V')),
         _FILTER: (JOINT_STATE, ('velocity',), joints),
         _TRACKING: (JOINT_STATE, ('position',), tuple(tracked))}
-    signals = {}
+    requests = []
     for name, (message_type, fields, names) in columns.items():
         connections = tuple(x for x in bag.named(name) if x.msgtype == message_type)
         topic = SignalTopic(bag, name, message_type, fields, connections)
-        signals[name] = topic.read(names).select_finite()
-    return signals
+        requests.append((topic, names))
+    signals = (x.select_finite() for x in read_signals(bag, requests))
+    return dict(zip(columns, signals))
 
 
 def _order(bag: Bag, states: Signal, since: int, period: int) -> Signal:

@@ -44,8 +44,8 @@ JOINT_STATE = 'sensor_msgs/msg/JointState'
 MULTI_ARRAY = 'std_msgs/msg/Float64MultiArray'
 #: Times [ns].
 Instants = npt.NDArray[np.int64]
-#: Type, log time [ns] and data.
-_Serialized = tuple[str, int, bytes]
+#: Log time [ns] and data.
+_Serialized = tuple[int, bytes]
 #: Messages that are read at once, which limits the memory.
 _BLOCK_MESSAGES = 10_000
 #: Bytes of the stamp in a message that begins with a header.
@@ -144,15 +144,13 @@ class SignalTopic(NamedTuple):
 
         Messages that lack one of them, or have any name twice, are left out.
         """
-        messages = self.bag.read_serialized(self.connections)
-        blocks = [self._read_each([], joints)]
-        while block := list(islice(messages, _BLOCK_MESSAGES)):
-            blocks.append(self._read_alike(block, joints) or self._read_each(block, joints))
-        logged, stamps, values = zip(*blocks)
-        return Signal(
-            np.concatenate(logged),
-            np.concatenate(stamps),
-            tuple(np.concatenate(x) for x in zip(*values)))
+        signal, = read_signals(self.bag, [(self, joints)])
+        return signal
+
+    def read_block(self, block: Sequence[_Serialized], joints: tuple[str, ...]) -> Signal:
+        """Return the values of some joints in some messages."""
+        alike = self._read_alike(block, joints) if block else None
+        return alike or self._read_each(block, joints)
 
     def _read_alike(self, block: Sequence[_Serialized], joints: tuple[str, ...]) -> Signal | None:
         """
@@ -160,7 +158,7 @@ class SignalTopic(NamedTuple):
 
         Decoded numbers are views of the data. So those of all messages lie at equal distances.
         """
-        _, times, contents = zip(*block)
+        times, contents = zip(*block)
         size = len(contents[0])
         if any(len(x) != size for x in contents):
             return None
@@ -191,7 +189,7 @@ class SignalTopic(NamedTuple):
         logged, stamps = array('q'), array('q')
         buffers = [array('d') for _ in self.fields]
         nan_row = [np.nan] * len(joints)
-        for _, t, data in block:
+        for t, data in block:
             message = self.bag.decode(data, self.message_type)
             names = _joint_names(message, self.fields[0]) or joints
             indices = _find_columns(names, joints)
@@ -208,6 +206,42 @@ class SignalTopic(NamedTuple):
             logged.append(t)
         values = tuple(np.frombuffer(x).reshape(-1, len(joints)) for x in buffers)
         return Signal(np.array(logged), np.array(stamps), values)
+
+
+def read_signals(
+        bag: Bag,
+        requests: Sequence[tuple[SignalTopic, tuple[str, ...]]]) -> list[Signal]:
+    """
+    Return the values of some joints on each of several topics.
+
+    The bag is read once, as each pass unpacks all of it. `SignalTopic.read` says which messages
+    are left out.
+    """
+    readable: list[Connection] = []
+    indices: dict[tuple[str, str], int] = {}
+    for index, (topic, _) in enumerate(requests):
+        for x in bag.select_readable(topic.connections):
+            readable.append(x)
+            indices[x.topic, x.msgtype] = index
+    # Without any block there are arrays of no rows.
+    blocks = [[topic.read_block([], joints)] for topic, joints in requests]
+    messages = bag.messages(readable) if readable else iter(())
+    while block := list(islice(messages, _BLOCK_MESSAGES)):
+        by_request: list[list[_Serialized]] = [[] for _ in requests]
+        for x, t, data in block:
+            by_request[indices[x.topic, x.msgtype]].append((t, data))
+        for signals, (topic, joints), own in zip(blocks, requests, by_request):
+            signals.append(topic.read_block(own, joints))
+    return [_join(signals) for signals in blocks]
+
+
+def _join(signals: Sequence[Signal]) -> Signal:
+    """Return the messages of several signals, one after the other."""
+    logged, stamps, values = zip(*signals)
+    return Signal(
+        np.concatenate(logged),
+        np.concatenate(stamps),
+        tuple(np.concatenate(x) for x in zip(*values)))
 
 
 def _find_numbers(message: Any, fields: Sequence[str], rows: npt.NDArray[np.uint8]

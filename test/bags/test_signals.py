@@ -22,7 +22,13 @@ from typing import Any
 
 from bags import Entry, write_bag
 from ctc_chattering.bags.repair import open_bag
-from ctc_chattering.bags.signals import JOINT_STATE, MULTI_ARRAY, Signal, SignalTopic
+from ctc_chattering.bags.signals import (
+    JOINT_STATE,
+    MULTI_ARRAY,
+    read_signals,
+    Signal,
+    SignalTopic,
+)
 from ctc_chattering.errors import CtcError
 from motion_bags import joint_state, serialized, torques
 import numpy as np
@@ -82,7 +88,7 @@ def test_messages_alike_are_read_at_once_to_the_last_bit(tmp_path: Path) -> None
         with closing(open_bag(path)) as bag:
             topic = SignalTopic(bag, 'joint_states', JOINT_STATE, ('position', 'velocity'),
                                 tuple(bag.connections))
-            contents = list(bag.read_serialized(bag.connections))
+            contents = [(t, x) for _, t, x in bag.messages()]
             at_once[case] = topic._read_alike(contents, JOINTS)
             one_by_one = topic._read_each(contents, JOINTS)
             np.testing.assert_equal(topic.read(JOINTS), one_by_one)
@@ -109,3 +115,20 @@ def test_values_without_names_are_those_of_the_joints(tmp_path: Path) -> None:
         assert topic.read_layout() == ((), 2)
         with pytest.raises(CtcError, match=r'commands has no numbers in datum; it has: .*data'):
             topic._replace(fields=('datum',)).read_layout()
+
+
+def test_topics_are_read_in_one_pass_as_each_by_itself(tmp_path: Path) -> None:
+    """Check also a topic without messages."""
+    entries = [Entry('/joint_states', 10 ** 6 * k, state(k)) for k in range(40)]
+    entries += [Entry('/commands', 10 ** 6 * k, torques([k, -k])) for k in range(5, 30)]
+    write_bag(tmp_path / 'bag', sorted(entries, key=lambda x: x.t))
+    with closing(open_bag(tmp_path / 'bag')) as bag:
+        requests = [
+            (SignalTopic(bag, name, message_type, fields, tuple(bag.named(name))), JOINTS)
+            for name, message_type, fields in (
+                ('joint_states', JOINT_STATE, ('position', 'velocity')),
+                ('commands', MULTI_ARRAY, ('data',)),
+                ('nothing', MULTI_ARRAY, ('data',)))]
+        signals = read_signals(bag, requests)
+        assert [len(x.logged) for x in signals] == [40, 25, 0]
+        np.testing.assert_equal(signals, [topic.read(JOINTS) for topic, _ in requests])

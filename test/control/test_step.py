@@ -36,6 +36,7 @@ from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
+import independent_laws
 from machine_code import compile_step
 import numpy as np
 from oracles import Array
@@ -104,7 +105,7 @@ def test_the_file_has_the_torques_of_the_implementation_beside_it(name: str) -> 
                                    atol=1e-11 * case.values['scale'])
 
 
-@pytest.mark.parametrize('module', [control_steps, urdfs])
+@pytest.mark.parametrize('module', [control_steps, independent_laws, urdfs])
 def test_the_implementation_imports_nothing_of_the_package(module: Any) -> None:
     tree = ast.parse(Path(module.__file__).read_text(encoding='utf-8'))
     names = [name.name for x in ast.walk(tree) if isinstance(x, ast.Import) for name in x.names]
