@@ -57,8 +57,7 @@ from ctc_chattering.ros.messages import (
     raw_sender,
     state_reader,
     state_writer,
-    TrajectoryMessage,
-    TrajectoryReader,
+    trajectory_reader,
     Writer,
 )
 from ctc_chattering.ros.reports import ERROR, Status
@@ -150,7 +149,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         """
         if len(self.inputs) == 1 and not self._loop.rehearses:
             self.inputs.append(ValidatedSubscription(
-                self, JointTrajectory, REFERENCE, self._on_reference, qos(), TrajectoryReader()))
+                self, JointTrajectory, REFERENCE, self._on_reference, qos(), trajectory_reader()))
 
     @property
     def in_real_time(self) -> bool:
@@ -162,7 +161,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         waits = self.problem or f'waits for {JOINT_STATES} and {REFERENCE}'
         return f'law {self.config.law}, {1 / self.config.control_period:g} Hz; {waits}'
 
-    def _on_reference(self, chunk: TrajectoryMessage, now: int) -> None:
+    def _on_reference(self, chunk: LoopMessage, now: int) -> None:
         rows: list[tuple[float, ...]] = []
         if chunk.rows or chunk.names:
             rows = select(self._names, chunk.names, *chunk.rows)

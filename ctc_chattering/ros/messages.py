@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 import importlib
+from itertools import zip_longest
 import os
 from pathlib import Path
 import struct
@@ -32,7 +33,6 @@ from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Duration, Time
 from ctc_chattering.errors import CtcError
-from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, seconds
 import numpy as np
 import rclpy
@@ -48,10 +48,15 @@ Point = tuple[Sequence[float], Sequence[float], Sequence[float]]
 LATEST = (2 ** 31 - 3600) * NANOSECONDS
 #: A number by which rows are found: what ROS appends to a message it does not say.
 MARK = 1.234567890123456e-67
+_MARK_BYTES = struct.pack('<d', MARK)
 #: Bytes before the content of a message in CDR.
 _CDR_HEADER = 4
-#: Bytes behind the accelerations of a `JointTrajectoryPoint`: count of efforts, and time.
-_END_OF_POINT = 12
+#: CDR format of the count before a row.
+_COUNT = 'I4x'
+#: CDR format of what is behind a point of a `JointTrajectory`: count of efforts, and time.
+_END_OF_POINT = '12s'
+#: The same with the count of the next point's positions.
+_NEXT_POINT = '16s'
 #: A stamp in CDR: seconds and nanoseconds.
 _STAMP = struct.Struct('<iI')
 
@@ -107,22 +112,58 @@ def read_stamp(data: bytes) -> int:
 
 
 class LoopMessage(NamedTuple):
-    """Stamp [ns], names and rows of a message."""
+    """
+    Content of a message of the control loop.
+
+    Attributes
+    ----------
+    t : int
+        Stamp [ns].
+    names : tuple of str
+        The joints.
+    rows : sequence of sequence of float
+        Numbers of the joints. Those of a trajectory are position, velocity and acceleration of
+        the first point, then of the next ones.
+    offsets : sequence of int
+        Time from the stamp to each point of a trajectory [ns].
+
+    """
 
     t: int
     names: tuple[str, ...]
     rows: Sequence[Sequence[float]]
+    offsets: Sequence[int] = ()
 
 
-def _rows_format(sizes: Sequence[int]) -> str:
-    """Return the CDR format of rows with counts between."""
-    first, *following = sizes
-    return f'{first}d' + ''.join(f'I4x{n}d' if n else 'I' for n in following)
+def _rows_format(sizes: Sequence[int], gaps: Sequence[str]) -> str:
+    """Return the CDR format of rows, with the gaps between and behind them."""
+    return ''.join(f'{n}d{gap}' for n, gap in zip_longest(sizes, gaps, fillvalue=''))
+
+
+def _counts(sizes: Sequence[int]) -> list[str]:
+    """Return the gaps between rows that end a message: the count of the next row."""
+    return [_COUNT if n else 'I' for n in sizes[1:]]
+
+
+def _trajectory_gaps(message: JointTrajectory) -> list[str] | None:
+    """Return the CDR format of the bytes behind each row, or None where there are efforts."""
+    if any(len(point.effort) for point in message.points):
+        return None
+    gaps = [_COUNT, _COUNT, _NEXT_POINT] * len(message.points)
+    return [*gaps[:-1], _END_OF_POINT]
+
+
+def _begin_of_rows(message: Any, rows: Sequence[Any]) -> int:
+    """Return the number of bytes before the rows of a message, which are its own."""
+    number, rows[0][0] = rows[0][0], MARK
+    begin: int = serialize_message(message).index(_MARK_BYTES)
+    rows[0][0] = number
+    return begin
 
 
 class Reader:
     """
-    Reads messages that end with rows of doubles.
+    Reads messages with rows of doubles.
 
     ROS reads a message. The next one of the same frame, which is all but stamp and numbers, is
     unpacked at once.
@@ -132,67 +173,76 @@ class Reader:
     message_class : type
         Message class.
     content : callable
-        Returns the `LoopMessage` of a message of that class.
+        Returns the `LoopMessage` of a message of that class. Its rows are those of the message.
+    gaps : callable
+        Returns the CDR format of the bytes between the rows of a message, and behind the last.
+        It returns None if the message has no frame.
     stamped : bool
         Whether a stamp is at the beginning.
 
     """
 
     def __init__(self, message_class: Any, content: Callable[[Any], LoopMessage],
-                 stamped: bool) -> None:
-        self._class, self._content = message_class, content
+                 gaps: Callable[[Any], Sequence[str] | None], stamped: bool = True) -> None:
+        self._class, self._content, self._gaps = message_class, content, gaps
         self._stamp_format = 'iI' if stamped else ''
-        self._frame_index = len(self._stamp_format)
+        #: Index of the first value that is no part of the stamp.
+        self._begin = len(self._stamp_format)
         self._layout: struct.Struct | None = None
-        self._frame = b''
-        self._counts: tuple[int, ...] = ()
         self._names: tuple[str, ...] = ()
+        self._offsets: Sequence[int] = ()
+        #: Values before, between and behind the rows, and their indices.
+        self._frame: tuple[object, ...] = ()
+        self._frame_slice = slice(0)
         self._row_slices: list[slice] = []
-        self._count_slice = slice(0)
 
     def __call__(self, data: bytes) -> LoopMessage:
         """Return the content of a message, or raise `RuntimeError`."""
         layout = self._layout
         if layout is not None and len(data) == layout.size:
             values = layout.unpack(data)
-            index = self._frame_index
-            if values[index] == self._frame and values[self._count_slice] == self._counts:
-                return LoopMessage(
-                    values[0] * NANOSECONDS + values[1] if index else 0, self._names,
-                    list(map(values.__getitem__, self._row_slices)))
+            if values[self._frame_slice] == self._frame:
+                t = values[0] * NANOSECONDS + values[1] if self._begin else 0
+                rows = list(map(values.__getitem__, self._row_slices))
+                return LoopMessage(t, self._names, rows, self._offsets)
         return self._read_by_ros(data)
 
     def _read_by_ros(self, data: bytes) -> LoopMessage:
         """Return the content of a message, and remember its frame."""
         message = deserialize_message(data, self._class)
-        content = self._content(message)
-        n, rows = len(content.names), len(content.rows)
+        _, self._names, rows, self._offsets = content = self._content(message)
+        gaps, n = self._gaps(message), len(self._names)
         is_little_endian = data[1] == 1
         self._layout = None
-        if n and {len(row) for row in content.rows} == {n} and is_little_endian and (
-                len(serialize_message(message)) == len(data)):
-            head, tail = f'<4x{self._stamp_format}', _rows_format([n] * rows)
-            length = len(data) - struct.calcsize(head) - struct.calcsize(f'<{tail}')
-            self._layout = struct.Struct(f'{head}{length}s{tail}')
-            self._names, self._counts = content.names, (n,) * (rows - 1)
-            first = self._frame_index + 1
-            self._frame = self._layout.unpack(data)[self._frame_index]
-            self._count_slice = slice(first + n, None, n + 1)
-            self._row_slices = [slice(k, k + n) for k in range(
-                first, first + rows * (n + 1), n + 1)]
+        if n and gaps is not None and {len(row) for row in rows} == {n} and is_little_endian:
+            head = f'<{_CDR_HEADER}x{self._stamp_format}'
+            length = _begin_of_rows(message, rows) - struct.calcsize(head)
+            layout = struct.Struct(f'{head}{length}s{_rows_format([n] * len(rows), gaps)}')
+            if layout.size == len(data):
+                self._remember_frame(layout, data, n)
         return content
+
+    def _remember_frame(self, layout: struct.Struct, data: bytes, n: int) -> None:
+        """Keep the frame of a message with rows of `n` numbers."""
+        self._layout = layout
+        values = layout.unpack(data)
+        self._frame_slice = slice(self._begin, None, n + 1)
+        self._frame = values[self._frame_slice]
+        first = self._begin + 1
+        self._row_slices = [slice(k, k + n) for k in range(first, len(values), n + 1)]
 
 
 def state_reader() -> Reader:
     """Return a reader of `JointState` messages: positions, velocities, efforts."""
     return Reader(JointState, lambda m: LoopMessage(
-        nanoseconds(m.header.stamp), tuple(m.name), (m.position, m.velocity, m.effort)), True)
+        nanoseconds(m.header.stamp), tuple(m.name), (m.position, m.velocity, m.effort)),
+        lambda _: [_COUNT, _COUNT])
 
 
 def effort_reader() -> Reader:
     """Return a reader of `Float64MultiArray` messages with labels."""
     return Reader(Float64MultiArray, lambda m: LoopMessage(
-        0, tuple([x.label for x in m.layout.dim]), (m.data,)), False)
+        0, tuple([x.label for x in m.layout.dim]), (m.data,)), lambda _: [], stamped=False)
 
 
 class Writer:
@@ -212,8 +262,8 @@ class Writer:
 
     def __init__(self, message: Any, sizes: Sequence[int]) -> None:
         self._data = bytearray(serialize_message(message))
-        self._layout = struct.Struct(f'<{_rows_format(sizes)}')
-        self._begin = self._data.index(struct.pack('<d', MARK))
+        self._layout = struct.Struct(f'<{_rows_format(sizes, _counts(sizes))}')
+        self._begin = self._data.index(_MARK_BYTES)
         # Where rows are empty, rclpy leaves bytes behind the message, which other readers refuse.
         del self._data[self._begin + self._layout.size:]
 
@@ -253,123 +303,13 @@ def effort_writer(names: Sequence[str]) -> Writer:
         layout=MultiArrayLayout(dim=labels), data=[MARK] * len(names)), [len(names)])
 
 
-class TrajectoryMessage(NamedTuple):
-    """
-    Content of a `JointTrajectory`.
-
-    Attributes
-    ----------
-    t : int
-        Stamp [ns].
-    names : tuple of str
-        The joints.
-    offsets : sequence of int
-        Time from the stamp to each point [ns].
-    rows : sequence of sequence of float
-        Position, velocity and acceleration of the first point, then of the next ones.
-
-    """
-
-    t: int
-    names: tuple[str, ...]
-    offsets: Sequence[int]
-    rows: Sequence[Sequence[float]]
-
-
-def _doubles(data: bytes | bytearray) -> Array:
-    """Return all doubles that may be in a message, aligned as CDR has them."""
-    return np.frombuffer(data, float, (len(data) - _CDR_HEADER) // 8, _CDR_HEADER)
-
-
-class TrajectoryFrame:
-    """
-    A serialized `JointTrajectory` whose stamp and numbers are replaced.
-
-    Parameters
-    ----------
-    message : JointTrajectory
-        Its joints and times, no efforts. The numbers of its points are lost.
-
-    Attributes
-    ----------
-    size : int
-        Length of the message in bytes.
-
-    """
-
-    def __init__(self, message: JointTrajectory) -> None:
-        row = [MARK] * len(message.joint_names)
-        for point in message.points:
-            point.positions = point.velocities = point.accelerations = row
-        data = serialize_message(message)
-        self._indices = np.flatnonzero(_doubles(data) == MARK)
-        # As in a `Writer`, rclpy leaves bytes behind the message.
-        self.size = _CDR_HEADER + 8 * (int(self._indices[-1]) + 1) + _END_OF_POINT
-        self._data = bytearray(data[:self.size])
-        self._doubles = _doubles(self._data)
-
-    def fill(self, t: int, numbers: Array) -> bytes:
-        """Return the message with all numbers of its points, from `t` [ns] on."""
-        _STAMP.pack_into(self._data, _CDR_HEADER, *divmod(t, NANOSECONDS))
-        self._doubles[self._indices] = numbers
-        return bytes(self._data)
-
-    def take_bytes(self, data: bytes) -> bool:
-        """
-        Take the bytes of a received message, and return whether it has this layout.
-
-        Bytes that only align others are its sender's. ROS does not set them.
-        """
-        if len(data) != self.size or data[:_CDR_HEADER] != self._data[:_CDR_HEADER]:
-            return False
-        self._data[:] = data
-        return True
-
-    def numbers(self, data: bytes) -> Array:
-        """Return all numbers of the points in another message of this frame."""
-        numbers: Array = _doubles(data)[self._indices]
-        return numbers
-
-
-class TrajectoryReader:
-    """
-    Reads `JointTrajectory` messages.
-
-    ROS reads a message. The next one is of the same frame if it differs in stamp and numbers only,
-    and then needs no ROS.
-    """
-
-    def __init__(self) -> None:
-        self._frame: TrajectoryFrame | None = None
-        self._last: TrajectoryMessage
-
-    def __call__(self, data: bytes) -> TrajectoryMessage:
-        """Return the content of a message, or raise `RuntimeError`."""
-        frame = self._frame
-        if frame is None or len(data) != frame.size:
-            return self._read_by_ros(data)
-        sec, nanosec = _STAMP.unpack_from(data, _CDR_HEADER)
-        t = sec * NANOSECONDS + nanosec
-        numbers = frame.numbers(data)
-        if frame.fill(t, numbers) != data:
-            return self._read_by_ros(data)
-        rows = numbers.reshape(-1, len(self._last.names)).tolist()
-        return self._last._replace(t=t, rows=rows)
-
-    def _read_by_ros(self, data: bytes) -> TrajectoryMessage:
-        """Return the content of a message, and remember its frame."""
-        message = deserialize_message(data, JointTrajectory)
-        rows = [row for point in message.points
-                for row in (point.positions, point.velocities, point.accelerations)]
-        content = self._last = TrajectoryMessage(
-            nanoseconds(message.header.stamp), tuple(message.joint_names),
-            [nanoseconds(point.time_from_start) for point in message.points], rows)
-        n = len(content.names)
-        has_frame = n and {len(row) for row in rows} == {n} and not any(
-            len(point.effort) for point in message.points)
-        frame = TrajectoryFrame(message) if has_frame else None
-        self._frame = frame if frame is not None and frame.take_bytes(data) else None
-        return content
+def trajectory_reader() -> Reader:
+    """Return a reader of `JointTrajectory` messages without their efforts."""
+    return Reader(JointTrajectory, lambda m: LoopMessage(
+        nanoseconds(m.header.stamp), tuple(m.joint_names),
+        [row for point in m.points
+         for row in (point.positions, point.velocities, point.accelerations)],
+        [nanoseconds(point.time_from_start) for point in m.points]), _trajectory_gaps)
 
 
 class TrajectoryWriter:
@@ -386,13 +326,23 @@ class TrajectoryWriter:
     """
 
     def __init__(self, names: Sequence[str], period: int, count: int) -> None:
+        row = [MARK] * len(names)
         message = JointTrajectory(joint_names=names)
         for k in range(count):
             sec, nanosec = divmod(k * period, NANOSECONDS)
             message.points.append(JointTrajectoryPoint(
+                positions=row, velocities=row, accelerations=row,
                 time_from_start=Duration(sec=sec, nanosec=nanosec)))
-        self._frame = TrajectoryFrame(message)
+        self._data = bytearray(serialize_message(message))
+        # As in a `Writer`, rclpy leaves bytes behind the message.
+        end = self._data.rindex(_MARK_BYTES) + len(_MARK_BYTES) + struct.calcsize(_END_OF_POINT)
+        del self._data[end:]
+        self._doubles = np.frombuffer(
+            self._data, float, (end - _CDR_HEADER) // 8, _CDR_HEADER)
+        self._indices = np.flatnonzero(self._doubles == MARK)
 
     def write(self, t: int, points: Sequence[Point]) -> bytes:
         """Return the message with `points` from `t` [ns] on."""
-        return self._frame.fill(t, np.array(points, float).reshape(-1))
+        _STAMP.pack_into(self._data, _CDR_HEADER, *divmod(t, NANOSECONDS))
+        self._doubles[self._indices] = np.array(points, float).reshape(-1)
+        return bytes(self._data)

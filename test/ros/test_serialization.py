@@ -38,7 +38,7 @@ from ctc_chattering.ros.messages import (
     stamp,
     state_reader,
     state_writer,
-    TrajectoryReader,
+    trajectory_reader,
     TrajectoryWriter,
 )
 from ctc_chattering.ros.topics import select
@@ -74,7 +74,7 @@ def used(kind: Any, data: bytes, ours: Sequence[str]) -> list[tuple[float, ...]]
     if kind is not JointTrajectory:
         m = (state_reader if kind is JointState else effort_reader)()(data)
         return select(ours, m.names or ours, *m.rows[:2])
-    content = TrajectoryReader()(data)
+    content = trajectory_reader()(data)
     if list(content.offsets) != sorted(set(content.offsets)):
         raise RejectedMessage('times')
     return select(ours, content.names, *content.rows)
@@ -186,7 +186,7 @@ def test_messages_of_one_frame_and_others_between(names: tuple[str, ...]) -> Non
 @pytest.mark.parametrize('names', NAMES)
 def test_trajectories_of_one_frame_and_others_between(names: tuple[str, ...]) -> None:
     """Check what is read of each against ROS, whichever came before."""
-    read, dice = TrajectoryReader(), random.Random(len(names))
+    read, dice = trajectory_reader(), random.Random(len(names))
     for k in range(80):
         ours = dice.choice((names, names, names, names[::-1], names[1:], ('x', 'y')))
         period = dice.choice((1, 1, 1, 2))
@@ -208,13 +208,13 @@ def test_trajectories_of_one_frame_and_others_between(names: tuple[str, ...]) ->
 
 
 def test_a_trajectory_of_a_known_frame_needs_no_ros(monkeypatch: pytest.MonkeyPatch) -> None:
-    read, writer = TrajectoryReader(), TrajectoryWriter(['a', 'b'], 1, 3)
+    read, writer = trajectory_reader(), TrajectoryWriter(['a', 'b'], 1, 3)
     read(writer.write(1_000_000_002, [([0.5, 1.0],) * 3] * 3))
     monkeypatch.setattr('ctc_chattering.ros.messages.deserialize_message', None)
     later = [([k + 0.1, k - 0.1],) * 3 for k in range(3)]
     content = read(writer.write(3_000_000_004, later))
     assert (content.t, content.offsets) == (3_000_000_004, [0, 1, 2])
-    assert content.rows == [row for point in later for row in point]
+    assert content.rows == [tuple(row) for point in later for row in point]
 
 
 def test_writers_take_no_other_number_of_joints() -> None:
