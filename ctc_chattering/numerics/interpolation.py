@@ -22,25 +22,20 @@ s in [0, 1] of it, or at an array of them. At s = 0 its value is the start value
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-
-class CurvePoint(NamedTuple):
-    """Value and two derivatives of a polynomial."""
-
-    x: Any
-    dx: Any
-    ddx: Any
+#: Value and two derivatives of a polynomial.
+CurvePoint = tuple[Any, Any, Any]
 
 
 def linear(s: float, h: float, x0: float, x1: float) -> CurvePoint:
     """Evaluate the straight line from `x0` to `x1`."""
     d = x1 - x0
     x = x0 + s * d
-    return CurvePoint(x, d / h, 0.0)
+    return x, d / h, 0.0
 
 
 def cubic(
@@ -59,7 +54,7 @@ def cubic(
     x = x0 + s * (v0 + s * (c2 + s * c3))
     dx = v0 + s * (2.0 * c2 + s * 3.0 * c3)
     ddx = 2.0 * c2 + s * 6.0 * c3
-    return CurvePoint(x, dx / h, ddx / (h * h))
+    return x, dx / h, ddx / (h * h)
 
 
 def quintic(
@@ -84,7 +79,7 @@ def quintic(
     x = x0 + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5))))
     dx = v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))
     ddx = 2.0 * c2 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))
-    return CurvePoint(x, dx / h, ddx / (h * h))
+    return x, dx / h, ddx / (h * h)
 
 
 def interpolated(t: Array, x: Array, new_t: Array) -> Array:

@@ -21,8 +21,7 @@ Buffer of a desired motion that arrives in chunks.
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 from ctc_chattering.numerics.angles import expected, nearest
 from ctc_chattering.numerics.interpolation import cubic, linear, quintic
@@ -32,32 +31,30 @@ from ctc_chattering.numerics.time_grid import seconds
 #: Position, velocity and acceleration, each of shape (n,) [rad, rad/s, rad/s²].
 Point = tuple[Vector, Vector, Vector]
 
-#: Polynomials by the number of rows that both ends of a segment have.
-_POLYNOMIALS: dict[int, Callable[..., Any]] = {
-    1: linear,
-    2: cubic,
-    3: quintic,
-}
-
 
 def interpolate(t: int, times: Sequence[int], points: Sequence[Point], i: int) -> Point:
     """
     Return the point at `t` [ns] between two points.
 
     The polynomial from point i - 1 to point i is a quintic where both have accelerations,
-    otherwise a cubic where both have velocities, otherwise a straight line.
+    otherwise a cubic where both have velocities, otherwise a straight line. The quintic is closed
+    on the left: at point i - 1 it is that point, to the last bit.
     """
     start = points[i - 1]
+    q, dq, ddq = start
     goal = points[i]
-    start_rows = sum(map(bool, start))
-    goal_rows = sum(map(bool, goal))
-    rows = min(start_rows, goal_rows)
+    goal_q, goal_dq, goal_ddq = goal
     begin = times[i - 1]
     h = seconds(times[i] - begin)
     s = seconds(t - begin) / h
-    polynomial = _POLYNOMIALS[rows]
-    ends = zip(*start[:rows], *goal[:rows])
-    joints = [polynomial(s, h, *end_values) for end_values in ends]
+    if ddq and goal_ddq:
+        if t == begin:
+            return start
+        joints = [quintic(s, h, *ends) for ends in zip(*start, *goal)]
+    elif dq and goal_dq:
+        joints = [cubic(s, h, *ends) for ends in zip(q, dq, goal_q, goal_dq)]
+    else:
+        joints = [linear(s, h, *ends) for ends in zip(q, goal_q)]
     return tuple(zip(*joints))  # type: ignore[return-value]
 
 

@@ -56,6 +56,8 @@ from ctc_chattering.trajectory.transitions import (
 from ctc_chattering.trajectory.waypoints import Route, Waypoints
 import numpy as np
 
+#: Position, velocity and acceleration of one joint [rad, rad/s, rad/s²].
+JointPoint = tuple[float, float, float]
 #: Position [rad] and velocity [rad/s] of the robot by joint.
 RobotState = Mapping[str, tuple[float, float]]
 #: The same, hashable.
@@ -85,14 +87,6 @@ class ReferenceConfig(DescribedConfig):
         0.0, 'Time of a smooth start from where the robot is; 0 for none, as in the paper.', 's')
 
 
-class JointPoint(NamedTuple):
-    """Position, velocity and acceleration of one joint."""
-
-    q: float
-    dq: float
-    ddq: float
-
-
 class JointSinusoid(NamedTuple):
     """Sinusoid of one joint."""
 
@@ -107,7 +101,7 @@ class JointSinusoid(NamedTuple):
         center, amplitude, omega, phase = self
         angle = omega * s + phase
         x = amplitude * sin(angle)
-        return JointPoint(
+        return (
             center + x,
             omega * amplitude * cos(angle),
             -omega * omega * x)
@@ -116,9 +110,12 @@ class JointSinusoid(NamedTuple):
         """Return the greatest (sign 1) or least values."""
         center, size, omega, phase = self
         if not omega:  # The joint stands.
-            return JointPoint(center + size * sin(phase), 0.0, 0.0)
+            return center + size * sin(phase), 0.0, 0.0
         size *= sign
-        return JointPoint(center + size, omega * size, omega * omega * size)
+        return (
+            center + size,
+            omega * size,
+            omega * omega * size)
 
 
 class JointTrapezoid(JointSinusoid):
@@ -131,7 +128,7 @@ class JointTrapezoid(JointSinusoid):
         moves, angle_of_move = divmod(angle, 2.0 * pi)
         size = -self.amplitude if moves % 2.0 else self.amplitude
         x, v, a = _unit_move(angle_of_move)
-        return JointPoint(
+        return (
             self.center + size * x,
             slow * size * v,
             slow * slow * size * a)
@@ -140,12 +137,14 @@ class JointTrapezoid(JointSinusoid):
 def _unit_move(angle: float) -> JointPoint:
     """Return a move from -1 to 1 within an angle of 3."""
     if angle < 1.0:
-        return JointPoint(0.5 * angle * angle - 1.0, angle, 1.0)
+        return 0.5 * angle * angle - 1.0, angle, 1.0
     if angle < 2.0:
-        return JointPoint(angle - 1.5, 1.0, 0.0)
+        return angle - 1.5, 1.0, 0.0
     remaining = max(3.0 - angle, 0.0)
-    return JointPoint(
-        1.0 - 0.5 * remaining * remaining, remaining, -1.0 if remaining else 0.0)
+    return (
+        1.0 - 0.5 * remaining * remaining,
+        remaining,
+        -1.0 if remaining else 0.0)
 
 
 class Sinusoid:

@@ -101,17 +101,13 @@ class Waypoints:
         """Return the point at `t` [ns]."""
         t = t if type(t) is int else checked_integer('t', t)
         i = bisect_right(self._times, t)
-        start = self._points[max(i - 1, 0)]
-        q, dq, ddq = start
+        if 0 < i < len(self._times):
+            return interpolate(t, self._times, self._points, i)
+        q, dq, ddq = self._points[max(i - 1, 0)]
         zeros = (0.0,) * len(q)
-        if i == 0 or t > self.end:
-            return q, zeros, zeros
         if t == self.end:
             return q, dq or zeros, ddq or zeros
-        *_, next_ddq = self._points[i]
-        if t == self._times[i - 1] and ddq and next_ddq:
-            return start
-        return interpolate(t, self._times, self._points, i)
+        return q, zeros, zeros
 
 
 class Route(NamedTuple):

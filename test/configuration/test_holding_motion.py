@@ -27,18 +27,10 @@ from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, ParameterError
 import numpy as np
 import pytest
-from urdfs import grip, L1, M1, M2, R1, R2, robot, two_links
+from urdfs import FIRST_LIMITS, grip, L1, M1, M2, R1, R2, robot, two_links, write_urdf
 
 ROBOTS = 'package://example-robot-data/robots'
 URDF = f'{ROBOTS}/asr_twodof_description/urdf/TwoDofs.urdf'
-#: Limits of the first joint of `two_links`, which hangs at 0.
-LIMITS = 'lower="-2" upper="3" effort="40" velocity="0"'
-
-
-def written(path: Path, text: str) -> str:
-    """Write a URDF; return its path."""
-    path.write_text(text)
-    return str(path)
 
 
 def weight_of_two_links(q1: float, q2: float) -> float:
@@ -69,7 +61,7 @@ def test_the_motion_is_within_half_the_limits_and_the_torques() -> None:
 def test_another_centre_where_a_joint_cannot_hold_the_middle(tmp_path: Path) -> None:
     """From 0.4 to 2.8 rad the first joint must lift the arm: 23 N*m at the middle."""
     limits = 'lower="0.4" upper="2.8" effort="21" velocity="0"'
-    location = written(tmp_path / 'weak.urdf', two_links().replace(LIMITS, limits))
+    location = write_urdf(tmp_path / 'weak.urdf', two_links().replace(FIRST_LIMITS, limits))
     found = new_robot(location)
     assert found.motion.about_middle is not None
     assert found.motion.about_middle.joint.name == 'a'
@@ -83,8 +75,8 @@ def test_another_centre_where_a_joint_cannot_hold_the_middle(tmp_path: Path) -> 
     assert np.abs(result.e[result.t >= 2.5]).max() < 0.02
     again = new_robot(location)
     assert again.values == found.values
-    strong = new_robot(written(tmp_path / 'strong.urdf', two_links().replace(
-        LIMITS, limits.replace('21', '80'))))
+    strong = new_robot(write_urdf(tmp_path / 'strong.urdf', two_links().replace(
+        FIRST_LIMITS, limits.replace('21', '80'))))
     assert strong.motion.center == [1.6, 0.0]
     assert strong.motion.about_middle is None
     assert strong.motion.size == 1.0
@@ -94,7 +86,7 @@ def test_a_smaller_and_slower_motion_where_no_posture_is_enough(tmp_path: Path) 
     """Nothing weighs anything along a horizontal rail: what counts is the acceleration."""
     rail = grip().replace('type="revolute"', 'type="prismatic"').replace(
         '<limit effort="0" velocity="0"/>', '<limit effort="6" velocity="0"/>', 1)
-    found = new_robot(written(tmp_path / 'rail.urdf', rail))
+    found = new_robot(write_urdf(tmp_path / 'rail.urdf', rail))
     assert found.joints == ('turn',)
     assert found.motion.size < 1.0
     moved = 2.7 * found.motion.amplitude[0] * (2.0 * np.pi * found.motion.frequency[0]) ** 2
@@ -102,7 +94,7 @@ def test_a_smaller_and_slower_motion_where_no_posture_is_enough(tmp_path: Path) 
 
 
 def test_a_given_centre_is_taken_or_refused(tmp_path: Path) -> None:
-    location = written(tmp_path / 'arm.urdf', two_links())
+    location = write_urdf(tmp_path / 'arm.urdf', two_links())
     found = new_robot(location, center=[-1.0, 0.5])
     assert found.values['reference']['center'] == [-1.0, 0.5]
     assert found.values['plant']['initial_position'] == [-1.0, 0.5]
@@ -110,7 +102,7 @@ def test_a_given_centre_is_taken_or_refused(tmp_path: Path) -> None:
                           ([float('nan'), 0.0], 'above -2 and below 3'), ([0.0], '2 positions')):
         with pytest.raises(ParameterError, match=words):
             new_robot(location, center=center)
-    weak = written(tmp_path / 'weak.urdf', two_links().replace('effort="40"', 'effort="20"'))
+    weak = write_urdf(tmp_path / 'weak.urdf', two_links().replace('effort="40"', 'effort="20"'))
     assert new_robot(weak, center=[0.0, 0.0]).motion.size == 1.0
     with pytest.raises(CtcError, match=r'a: the lightest motion about --center takes .* of 20 N'):
         new_robot(weak, center=[1.57, 0.0])
@@ -125,7 +117,7 @@ def test_a_given_centre_is_taken_or_refused(tmp_path: Path) -> None:
     ('lower="-1e9" upper="1e9" effort="1e300" velocity="1e-9"', 0.0)])
 def test_odd_limits_are_kept(limits: str, center: float, tmp_path: Path) -> None:
     """One bound, none, hardly any room: a file, and no division by zero."""
-    found = new_robot(written(tmp_path / 'odd.urdf', two_links().replace(LIMITS, limits)))
+    found = new_robot(write_urdf(tmp_path / 'odd.urdf', two_links().replace(FIRST_LIMITS, limits)))
     assert found.motion.center[0] == pytest.approx(center, abs=2e-6)
 
 

@@ -30,25 +30,14 @@ from ctc_chattering.runs.recommended import gains_by_rule
 from ctc_commands import ctc, refused
 import numpy as np
 import pytest
-from urdfs import L1, mobile_manipulator, panda, two_links
-
-ROBOTS = 'package://example-robot-data/robots'
-URDF = f'{ROBOTS}/asr_twodof_description/urdf/TwoDofs.urdf'
-#: Limits of the first joint of `two_links`, which hangs at 0.
-LIMITS = 'lower="-2" upper="3" effort="40" velocity="0"'
-
-
-def written(path: Path, text: str) -> str:
-    """Write a URDF; return its path."""
-    path.write_text(text)
-    return str(path)
+from urdfs import FIRST_LIMITS, L1, mobile_manipulator, panda, two_links, write_urdf
 
 
 @pytest.mark.parametrize('limit', ['effort="-1" velocity="1"', 'effort="10" velocity="-1"',
                                    'lower="1" upper="0" effort="1" velocity="1"',
                                    'lower="1" upper="1" effort="1" velocity="1"'])
 def test_limits_that_contradict_themselves_are_refused(limit: str, tmp_path: Path) -> None:
-    location = written(tmp_path / 'odd.urdf', two_links().replace(LIMITS, limit))
+    location = write_urdf(tmp_path / 'odd.urdf', two_links().replace(FIRST_LIMITS, limit))
     with pytest.raises(CtcError, match=r'^URDF: joint a: (effort|velocity|lower) is '):
         new_robot(location)
 
@@ -62,7 +51,7 @@ def test_friction_of_the_urdf_is_taken_where_it_fits_the_bodies(tmp_path: Path) 
                                 f'<joint name="{name}" type="revolute">{more}')
         return text
 
-    taken = new_robot(written(tmp_path / 'a.urdf', arm(
+    taken = new_robot(write_urdf(tmp_path / 'a.urdf', arm(
         '<dynamics friction="3" damping="1.5"/>', '<dynamics damping="0.2"/>')))
     assert taken.values['plant']['viscous_friction'] == [1.5, 0.2]
     assert taken.values['plant']['coulomb_friction'][0] == 3.0
@@ -70,12 +59,12 @@ def test_friction_of_the_urdf_is_taken_where_it_fits_the_bodies(tmp_path: Path) 
     assert taken.friction.coulomb_described == ('a',)
     assert taken.friction.viscous_described == ('a', 'b')
     assert taken.friction.implausible == ()
-    bare = new_robot(written(tmp_path / 'b.urdf', arm()))
+    bare = new_robot(write_urdf(tmp_path / 'b.urdf', arm()))
     assert bare.values['plant']['viscous_friction'] == [0.0, 0.0]
     assert bare.values['plant']['coulomb_friction'][1] == (
         taken.values['plant']['coulomb_friction'][1])
     for too_much in ('friction="15"', 'damping="40"'):  # Of 40 N*m, and of 0.1 kg*m^2.
-        found = new_robot(written(tmp_path / 'c.urdf', arm(
+        found = new_robot(write_urdf(tmp_path / 'c.urdf', arm(
             f'<dynamics {too_much}/>', '<dynamics friction="0.5" damping="30"/>')))
         assert found.friction.implausible == ('a', 'b')
         assert found.values == {
@@ -89,7 +78,7 @@ def test_a_robot_with_the_damping_of_a_simulator_follows_its_motion(tmp_path: Pa
     light = wrist.replace('ixx="0.05" iyy="0.05" izz="0.01"', 'ixx="3e-4" iyy="3e-4" izz="1e-4"'
                           ).replace('xyz="0 0 -0.25"', 'xyz="0 0 -0.01"')
     assert light != wrist
-    found = new_robot(written(tmp_path / 'light.urdf', light))
+    found = new_robot(write_urdf(tmp_path / 'light.urdf', light))
     assert found.friction.implausible == ('b',)
     result = simulate(parameter_file.load(None, {
         **found.values, 'plant': {**found.values['plant'], 'duration': 3.0}}))
@@ -156,7 +145,7 @@ def told(tmp_path: Path, robot_name: str = 'arm', **values: Any) -> NewRobot:
     """Return the two-link arm, whose URDF has no rotors, with what is told of it."""
     text = re.sub('<robot name="[^"]*"', f'<robot name="{robot_name}"', two_links()).replace(
         'effort="0" velocity="1.5"', 'effort="20" velocity="1.5"')
-    return new_robot(written(tmp_path / 'arm.urdf', text), facts=ArmFacts(**values))
+    return new_robot(write_urdf(tmp_path / 'arm.urdf', text), facts=ArmFacts(**values))
 
 
 def test_rotors_are_assumed_where_nobody_gives_them(tmp_path: Path) -> None:

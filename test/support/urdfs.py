@@ -36,6 +36,12 @@ def robot(name: str) -> str:
     return Path(str(found[0].locate())).read_text(encoding='utf-8')
 
 
+def write_urdf(path: Path, text: str) -> str:
+    """Write a URDF; return its path."""
+    path.write_text(text)
+    return str(path)
+
+
 def panda() -> str:
     """Return the URDF of the Panda, whose second finger mimics the first."""
     return robot('panda')
@@ -73,6 +79,8 @@ def urdf(parts: Iterable[str]) -> str:
 
 
 #: Lengths [m], masses [kg], centres of mass [m] and inertias [kg·m²] of `two_links`.
+#: Limits of the first joint of `two_links`, which hangs at 0.
+FIRST_LIMITS = 'lower="-2" upper="3" effort="40" velocity="0"'
 L1, M1, R1, I1, M2, R2, I2 = 0.7, 3.0, 0.3, 0.2, 1.5, 0.25, 0.05
 
 
@@ -82,7 +90,7 @@ def two_links(kind: str = 'revolute') -> str:
         link('base', 5.0, inertia=(1.0, 1.0, 1.0)), link('upper', M1, (0, 0, -R1), (I1, I1, 0.1)),
         link('lower', M2, (0, 0, -R2), (I2, I2, 0.01)), link('tool'),
         joint('a', kind, 'base', 'upper', '0 -1 0',
-              more='<limit lower="-2" upper="3" effort="40" velocity="0"/>'),
+              more=f'<limit {FIRST_LIMITS}/>'),
         joint('b', kind, 'upper', 'lower', '0 -1 0', f'0 0 {-L1}',
               more='<limit effort="0" velocity="1.5"/>'),
         joint('c', 'fixed', 'lower', 'tool', more='')])

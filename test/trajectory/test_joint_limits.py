@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 
 from ctc_chattering.errors import CtcError
@@ -28,29 +27,8 @@ from ctc_chattering.trajectory.waypoints import Route
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 import numpy as np
-import numpy.typing as npt
 import pytest
-
-S = 1_000_000_000
-positions = st.floats(-5.0, 5.0)
-velocities = st.floats(-3.0, 3.0)
-instants = st.integers(-10 * S, 1000 * S)
-sinusoids = st.builds(
-    ReferenceConfig, joint_names=st.just(('a',)), center=st.tuples(positions),
-    amplitude=st.tuples(st.floats(-2.0, 2.0)), frequency=st.tuples(st.floats(0.0, 3.0)),
-    phase=st.tuples(st.floats(-4.0, 4.0)))
-
-
-def _path(motion: TimedMotion, t0: int, t1: int, count: int = 400) -> npt.NDArray[np.float64]:
-    """Return what a motion does: shape (count, 3, n)."""
-    return np.array([motion.at(t0 + (t1 - t0) * k // (count - 1)) for k in range(count)])
-
-
-def _ranges(config: ReferenceConfig) -> tuple[float, float, float, float]:
-    """Return centre, amplitude, greatest velocity and acceleration of the one joint."""
-    w = 2 * math.pi * config.frequency[0]
-    a = abs(config.amplitude[0])
-    return config.center[0], a, w * a, w * w * a
+from sinusoids import instants, positions, ranges, S, sample, sinusoids, velocities
 
 
 def test_a_violation_has_joint_quantity_amount_and_limit() -> None:
@@ -85,7 +63,7 @@ def test_what_is_not_refused_keeps_the_limits_and_what_is_named_would_do(
         config: ReferenceConfig, q0: float, dq0: float, duration: float, t0: int, upper: float,
         velocity: float, acceleration: float) -> None:
     limits = _limits(lower=-upper, upper=upper, velocity=velocity, acceleration=acceleration)
-    c, a, speed, push = _ranges(config)
+    c, a, speed, push = ranges(config)
     state = {'a': (q0, dq0)}
 
     def started(duration: float) -> TimedMotion:
@@ -107,7 +85,7 @@ def test_what_is_not_refused_keeps_the_limits_and_what_is_named_would_do(
         assume(word != 'no')
         duration = float(word)
         motion = started(duration)
-    path = np.abs(_path(motion, t0, t0 + round(duration * S) + S, 1000))[:, :, 0]
+    path = np.abs(sample(motion, t0, t0 + round(duration * S) + S, 1000))[:, :, 0]
     assert (path.max(axis=0) <= np.array([
         upper + 1e-3, velocity * 1.001, acceleration * 1.001]) + 0.02).all()
 

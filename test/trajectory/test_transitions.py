@@ -33,18 +33,10 @@ from ctc_chattering.trajectory.transitions import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-import numpy.typing as npt
 import pytest
+from sinusoids import instants, positions, ranges, S, sample, sinusoids, velocities
 
-S = 1_000_000_000
-positions = st.floats(-5.0, 5.0)
-velocities = st.floats(-3.0, 3.0)
 durations = st.floats(0.05, 20.0)
-instants = st.integers(-10 * S, 1000 * S)
-sinusoids = st.builds(
-    ReferenceConfig, joint_names=st.just(('a',)), center=st.tuples(positions),
-    amplitude=st.tuples(st.floats(-2.0, 2.0)), frequency=st.tuples(st.floats(0.0, 3.0)),
-    phase=st.tuples(st.floats(-4.0, 4.0)))
 
 
 class Wave:
@@ -55,27 +47,15 @@ class Wave:
         return ((np.sin(3 * x), x ** 2), (3 * np.cos(3 * x), 2 * x), (-9 * np.sin(3 * x), 2.0))
 
 
-def _path(motion: TimedMotion, t0: int, t1: int, count: int = 400) -> npt.NDArray[np.float64]:
-    """Return what a motion does: shape (count, 3, n)."""
-    return np.array([motion.at(t0 + (t1 - t0) * k // (count - 1)) for k in range(count)])
-
-
-def _ranges(config: ReferenceConfig) -> tuple[float, float, float, float]:
-    """Return centre, amplitude, greatest velocity and acceleration of the one joint."""
-    w = 2 * math.pi * config.frequency[0]
-    a = abs(config.amplitude[0])
-    return config.center[0], a, w * a, w * w * a
-
-
 @settings(max_examples=100)
 @given(sinusoids, positions, velocities, durations, instants)
 def test_a_robot_that_moves_leaves_the_hull_by_its_braking_distance(
         config: ReferenceConfig, q0: float, dq0: float, duration: float, t0: int) -> None:
     """Half of its velocity times the time that it brakes, at the most."""
-    c, a, speed, push = _ranges(config)
+    c, a, speed, push = ranges(config)
     motion = make_motion(config.changed({'start_duration': duration}), None, {'a': (q0, dq0)}, t0)
     assert motion.at(t0) == ((q0,), (dq0,), (0.0,))
-    q, dq, ddq = _path(motion, t0, t0 + round((duration + 0.5) * S))[:, :, 0].T
+    q, dq, ddq = sample(motion, t0, t0 + round((duration + 0.5) * S))[:, :, 0].T
     brake = min(duration, BRAKING_TIME)
     margin = 0.5 * abs(dq0) * brake
     assert q.min() >= min(q0, c - a) - margin - 1e-9
@@ -119,9 +99,10 @@ def test_braking_ends_at_rest_after_half_the_way() -> None:
     """Check place, velocity and deceleration of a stop, without and with a first acceleration."""
     plain = braking(S, ((1.0,), (2.0,), (0.0,)), 0.5)
     assert [row[0] for row in plain.at(2 * S)] == pytest.approx([1.5, 0.0, 0.0])
-    assert np.abs(_path(plain, S, 2 * S, 2001)[:, 2]).max() == pytest.approx(1.5 * 2.0 / 0.5, 1e-3)
+    path = sample(plain, S, 2 * S, 2001)
+    assert np.abs(path[:, 2]).max() == pytest.approx(1.5 * 2.0 / 0.5, 1e-3)
     speeding = braking(S, ((1.0,), (2.0,), (6.0,)), 0.5)
-    path = _path(speeding, S, S + S // 2, 201)
+    path = sample(speeding, S, S + S // 2, 201)
     quartic = np.polyfit(np.linspace(0.0, 1.0, 201), path[:, 0, 0], 5)
     assert quartic[0] == pytest.approx(0.0, abs=1e-9) and abs(quartic[1]) > 0.1
     assert path[-1].ravel().tolist() == pytest.approx([path[-1, 0, 0], 0.0, 0.0], abs=1e-9)
