@@ -231,22 +231,27 @@ class _SteadyMotion:
         control, law_memory, _ = self._stepper.memories
         shift = -TRANSIT_ROWS * int(control.transit_index)
         transit = np.roll(self._transit, shift, axis=0)
-        records = packed(control._replace(transit_index=0.0)), packed(law_memory)
+        control = control._replace(transit_index=0.0)
         return np.concatenate([
-            *(np.frombuffer(record.tobytes()) for record in records),
+            _pack(control),
+            _pack(law_memory),
             transit.ravel()])
 
     def _step(self, values: Array) -> Array:
         """Return memory and τ a period later."""
-        sizes = [layout.itemsize // 8 for layout in self._layouts]
-        ends = np.cumsum(sizes)
-        *numbers, transit, y = np.split(values, [*ends, self.states])
-        control, law_memory = (
-            load(np.frombuffer(x.tobytes(), layout)[0])
-            for x, layout in zip(numbers, self._layouts))
+        of_control, of_law = self._layouts
+        law_begin = of_control.itemsize // 8
+        law_end = law_begin + of_law.itemsize // 8
+        control, law_memory, transit, y = np.split(
+            values,
+            [law_begin, law_end, self.states])
         self._transit[:] = transit.reshape(self._transit.shape)
-        self._stepper.memories = Memories(control, law_memory, self._last)
-        rows = np.concatenate([y.reshape(2, -1), self._rows])
+        self._stepper.memories = Memories(
+            _unpack(control, of_control),
+            _unpack(law_memory, of_law),
+            self._last)
+        state = y.reshape(2, -1)
+        rows = np.concatenate([state, self._rows])
         tau = self._stepper.step(rows, REGULAR)[0]
         return np.concatenate([
             self._memory(),
@@ -296,6 +301,18 @@ class _SteadyMotion:
         of_memory = scale[:m, np.newaxis]
         change[:m] /= np.where(of_memory, of_memory, np.inf)
         return change
+
+
+def _pack(record: Any) -> Array:
+    """Return the numbers of a record."""
+    numbers: Array = np.frombuffer(packed(record).tobytes())
+    return numbers
+
+
+def _unpack(numbers: Array, layout: Any) -> Any:
+    """Return the record with these numbers."""
+    record, = np.frombuffer(numbers.tobytes(), layout)
+    return load(record)
 
 
 def _minimal(change: Array, scale: Array, m: int) -> LinearLaw:

@@ -27,7 +27,6 @@ from typing import Protocol, TypeVar
 
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.interpolation import quintic
-from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import describe_violations, JointLimits
@@ -63,11 +62,6 @@ class Passage(TimedMotion, Protocol):
 P = TypeVar('P', bound=Passage)
 
 
-def as_point(*rows: Array) -> Point:
-    """Return arrays as a point of tuples."""
-    return tuple(tuple(row.tolist()) for row in rows)  # type: ignore[return-value]
-
-
 def braking(t0: int, start: Point, duration: float) -> Waypoints:
     """
     Return the motion from a state to rest.
@@ -93,11 +87,14 @@ def braking(t0: int, start: Point, duration: float) -> Waypoints:
     # The quintic that ends at rest at this place has no term of fifth order: the velocity is of
     # fourth order at the most, and a cubic without a first acceleration.
     q, dq, ddq = np.array(start)
-    zeros = np.zeros_like(q)
     distance = duration * (0.5 * dq + duration * ddq / 12.0)
+    goal = tuple((q + distance).tolist())
+    zeros = (0.0,) * len(goal)
     end = t0 + round(duration * NANOSECONDS)
-    goal = as_point(q + distance, zeros, zeros)
-    return Waypoints([end], [goal], (t0, start))
+    return Waypoints(
+        [end],
+        [(goal, zeros, zeros)],
+        (t0, start))
 
 
 class _TimedPassage:
@@ -200,12 +197,14 @@ class Transition(_TimedPassage):
         joints = []
         for q, dq, ddq, target_q, target_dq, target_ddq in zip(
                 *self.origin.at(t), *self.target.at(t)):
-            distance = target_q - q
-            difference = target_dq - dq
+            gap = target_q - q
+            gap_rate = target_dq - dq
+            mean_dq = dq + w * gap_rate
+            mean_ddq = ddq + w * (target_ddq - ddq)
             joints.append((
-                q + w * distance,
-                dq + w * difference + dw * distance,
-                ddq + w * (target_ddq - ddq) + 2.0 * dw * difference + ddw * distance))
+                q + w * gap,
+                mean_dq + dw * gap,
+                mean_ddq + 2.0 * dw * gap_rate + ddw * gap))
         return tuple(zip(*joints))  # type: ignore[return-value]
 
 

@@ -103,7 +103,8 @@ class Waypoints:
         i = bisect_right(self._times, t)
         if 0 < i < len(self._times):
             return interpolate(t, self._times, self._points, i)
-        q, dq, ddq = self._points[max(i - 1, 0)]
+        last = max(i - 1, 0)
+        q, dq, ddq = self._points[last]
         zeros = (0.0,) * len(q)
         if t == self.end:
             return q, dq or zeros, ddq or zeros
