@@ -24,7 +24,15 @@ import dataclasses
 from math import inf
 
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.parameters import Config, LEAST, Parameter, parameter, Strings, unit_text
+from ctc_chattering.parameters import (
+    Config,
+    LEAST,
+    Parameter,
+    parameter,
+    PerJoint,
+    Strings,
+    unit_text,
+)
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
 
@@ -87,6 +95,19 @@ class ReferenceNodeConfig(NodeConfig, ReferenceConfig):
     horizon: float = parameter(
         0.5, 'Time by which the motion is published ahead.', 's', minimum=0.01, maximum=60.0,
         read_only=True)
+    action_name: str = parameter(
+        'follow_joint_trajectory', 'Name of the action control_msgs/FollowJointTrajectory under '
+        '~/, which is served where control_msgs is installed.', read_only=True)
+    action_monitor_rate: float = parameter(
+        20.0, 'Rate of the feedback of a goal.', 'Hz', minimum=LEAST)
+    path_tolerance: PerJoint = parameter(
+        0.0, 'Largest position error of a goal on its way; 0 for any.', 'rad')
+    goal_tolerance: PerJoint = parameter(
+        0.0, 'Largest position error of a goal at its end; 0 for any.', 'rad')
+    stopped_velocity_tolerance: float = parameter(
+        0.01, 'Largest velocity error of a goal at its end; 0 for any.', 'rad/s')
+    goal_time: float = parameter(
+        0.0, 'Time after the end of a goal by which its tolerances are met; 0 for any.', 's')
 
 
 @dataclasses.dataclass(frozen=True)

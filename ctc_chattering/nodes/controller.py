@@ -60,7 +60,7 @@ from ctc_chattering.ros.messages import (
     trajectory_reader,
     Writer,
 )
-from ctc_chattering.ros.reports import ERROR, Status
+from ctc_chattering.ros.reports import ERROR, MODE, Status
 from ctc_chattering.ros.spinning import TICK
 from ctc_chattering.ros.subscription import qos, ValidatedSubscription
 from ctc_chattering.ros.topics import (
@@ -111,6 +111,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         self._loop = ControlLoop(
             config, config.state_timeout, config.reference_timeout, config.enabled,
             lambda tau: send(writer.write(tau)), self.get_logger())
+        self._reported_mode = self._loop.mode
         self.on_change()
         self.tick = min(TICK, seconds(self._loop.watchdog.timeout) / 2)
         #: Whether all subscribers of the torques are matched, and whether there is a clock.
@@ -196,6 +197,9 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
             self._loop.rehearsal = None
         if self.inputs:
             self._listen_to_reference()
+        if self._loop.mode is not self._reported_mode:
+            self._reported_mode = self._loop.mode
+            self.report_soon()
         now = time.monotonic_ns()
         if self.in_real_time:
             self._loop.check_silence(now)
@@ -337,6 +341,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
             level, message = loop_status(
                 loop, time.monotonic_ns(), states.rejected, states.skipped, cause)
         return Status(level, message, {
+            MODE: loop.mode.name,
             'law': config.law, **({'switching': config.switching}
                                   if config.takes('switching') else {}),
             'computed by': loop.law.computed_by if loop.law else '',

@@ -30,12 +30,17 @@ from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ReferenceNodeConfig
 from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.errors import CtcError, RejectedMessage
-from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, period_ns, seconds
+from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, period_ns
 from ctc_chattering.ros.loop_node import LoopNode
 from ctc_chattering.ros.messages import LATEST, read_stamp, TrajectoryWriter
 from ctc_chattering.ros.reports import ERROR, OK, Status, WARN
 from ctc_chattering.ros.subscription import qos, ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE, TOPICS
+from ctc_chattering.ros.trajectory_action import (
+    FollowJointTrajectory,
+    read_route,
+    TrajectoryAction,
+)
 from ctc_chattering.trajectory.joint_limits import read_limits
 from ctc_chattering.trajectory.motion_plan import Followed, MotionPlan
 from ctc_chattering.trajectory.reference import ReferenceConfig
@@ -85,6 +90,12 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             ValidatedSubscription(self, Clock, CLOCK, self._on_clock, qos(), read_stamp),
             ValidatedSubscription(
                 self, JointTrajectory, f'~/{JOINT_TRAJECTORY}', self._on_waypoints, qos(10))]
+        self._action: TrajectoryAction | None = None
+        if FollowJointTrajectory is not None:
+            self._action = TrajectoryAction(self, config, self._schedule, self._follow)
+        else:
+            self.get_logger().info(
+                f'~/{config.action_name} is not served, because control_msgs is not installed')
         self.find_description()
 
     def begin(self, description: str) -> None:
@@ -100,6 +111,8 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
     def on_change(self) -> None:
         """Take new parameters, and try again to begin."""
         self._plan.config = self.config
+        if self._action is not None:
+            self._action.config = self.config
         self._next_attempt = 0
         if self._plan.limits is not None or not self._plan.config.described:
             self._plan.prepare()
@@ -129,6 +142,8 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             self._schedule.repeat()
         self._subscribers = subscribers
         self._publish_chunks()
+        if self._action is not None:
+            self._action.update()
 
     def status(self) -> Status:
         """Return whether the motion runs, and why not."""
@@ -166,7 +181,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         samples = zip(state.name, state.position, velocities)
         start = {name: (q, dq) for name, q, dq in samples if isfinite(q + dq)}
         try:
-            self._plan.begin(start, t)
+            self._schedule.begin(start, t)
             self._refusal = ''
         except CtcError as error:
             self._refusal = str(error)
@@ -175,19 +190,21 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
 
     def _on_waypoints(self, message: JointTrajectory, _arrival: int) -> None:
         """Follow waypoints, or stop where there are none."""
-        route = Route(
-            tuple(message.joint_names), [nanoseconds(x.time_from_start) for x in message.points],
-            [(x.positions, x.velocities, x.accelerations) for x in message.points])
         try:
-            followed = self._schedule.follow(route, nanoseconds(message.header.stamp))
+            self._follow(read_route(message), nanoseconds(message.header.stamp))
         except CtcError as error:
             self._refused_waypoints = str(error)
             raise RejectedMessage(getattr(error, 'kind', 'waypoints'), str(error)) from None
+
+    def _follow(self, route: Route, stamp: int) -> Followed:
+        """Follow waypoints of the topic or the action."""
+        followed = self._schedule.follow(route, stamp)
         self._refused_waypoints = ''
-        remaining = max(seconds(followed.end - (self._schedule.now or 0)), 0.0)
+        remaining = self._schedule.time_until(followed.end)
         self.get_logger().info(f'{JOINT_TRAJECTORY}: accepted: {_description(followed)}; '
                                f'at rest in {remaining:.3g} s')
         self._publish_chunks()
+        return followed
 
     def _publish_chunks(self) -> None:
         """Publish chunks until the motion is known far enough ahead."""

@@ -103,6 +103,10 @@ class BaseNode(SpinningNode):
         self.statistics.rotate(now)
         self._diagnostics.publish(diagnostics(self, self._full_report()))
 
+    def report_soon(self) -> None:
+        """Have the next turn publish a report."""
+        self._report_due = 0
+
     def report_end(self, why: str = '') -> None:
         """
         Publish on ``/diagnostics`` that the node ends, and why.

@@ -34,6 +34,8 @@ WARN = 1
 ERROR = 2
 #: Key of the value of a node's last report that says why it ends.
 ENDED = 'ended'
+#: Key of the value of the controller's report that names its `Mode`.
+MODE = 'mode'
 
 
 class Status(NamedTuple):

@@ -25,7 +25,6 @@ from __future__ import annotations
 from bisect import bisect_right
 from typing import NamedTuple
 
-from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import (
@@ -44,7 +43,12 @@ from ctc_chattering.trajectory.transitions import (
     TimedMotion,
     Transition,
 )
-from ctc_chattering.trajectory.waypoints import check_names, Route, Waypoints
+from ctc_chattering.trajectory.waypoints import (
+    check_names,
+    PastWaypointsError,
+    Route,
+    Waypoints,
+)
 
 #: Default time to blend into waypoints that begin in the past [s].
 _JOIN_TIME_S = 0.5
@@ -86,10 +90,8 @@ class MotionPlan:
         Requested parameters, which the node replaces. `update` takes those of the profile.
     limits : list of JointLimits, length n, or None
         Limits of the robot, None if they are unknown.
-    motion : TimedMotion or None
-        None before it has begun.
-    in_force : int
-        Instant from which the motion passes into the last profile taken, 0 since `begin` [ns].
+    replacements : int
+        Number of motions that have replaced another one.
 
     """
 
@@ -97,10 +99,19 @@ class MotionPlan:
         self.config = config
         self._route = route
         self.limits: list[JointLimits] | None = None
-        self.motion: TimedMotion | None = None
-        self.in_force = 0
+        self._motion: TimedMotion | None = None
+        self.replacements = 0
         #: Parameters of the profile that the motion has, or passes into.
         self._shape = _shape(config)
+
+    @property
+    def motion(self) -> TimedMotion | None:
+        """Motion over path time. None before it has begun."""
+        return self._motion
+
+    def _replace(self, motion: TimedMotion | None) -> None:
+        self._motion = motion
+        self.replacements += 1
 
     @property
     def from_state(self) -> bool:
@@ -139,14 +150,13 @@ class MotionPlan:
             If it would lead beyond the limits.
 
         """
-        self.motion = make_motion(self.config, self._route, start, t, self.limits)
+        self._replace(make_motion(self.config, self._route, start, t, self.limits))
         self._shape = _shape(self.config)
-        self.in_force = 0
 
     def restart(self) -> None:
         """Discard a motion that began at the robot, since time went back."""
         if self.from_state:
-            self.motion = None
+            self._replace(None)
 
     def follow(self, route: Route, now: int, begin: int, epoch: int = 0) -> Followed:
         """
@@ -187,7 +197,7 @@ class MotionPlan:
         if last <= now:
             due = seconds(epoch + last)
             present_time = seconds(epoch + now)
-            raise CtcError(
+            raise PastWaypointsError(
                 f'all waypoints are past: the last one was due at {due:.3f} s, '
                 f'now it is {present_time:.3f} s; are the clocks synchronised?')
         motion = Waypoints(route.times, route.points, (begin, state))
@@ -197,7 +207,7 @@ class MotionPlan:
         passage: Waypoints | Transition = motion
         if past:
             passage = self._join(route, past, motion, begin, state)
-        self.motion = Transition(present, passage, begin, 0.0)
+        self._replace(Transition(present, passage, begin, 0.0))
         end = max(last, passage.end)
         return Followed(len(route.points), past, end, _turned_joints(requested, route))
 
@@ -227,10 +237,11 @@ class MotionPlan:
             check_names(route.names, self.config.joint_names)
         if isinstance(present, Stop):
             return Followed(0, 0, present.end)
-        self.motion = stop = fit_duration(
+        stop = fit_duration(
             lambda duration: Stop(present, begin, duration),
             BRAKING_TIME,
             self.limits)
+        self._replace(stop)
         return Followed(0, 0, stop.end)
 
     def update(self, now: int, begin: int) -> bool:
@@ -248,17 +259,16 @@ class MotionPlan:
 
         """
         while isinstance(self.motion, Transition) and now >= self.motion.end:
-            self.motion = self.motion.target
+            self._motion = self.motion.target
         present = self.motion
         if present is None or isinstance(present, Transition) or not self.change_pending:
             return False
         changed = make_motion(self.config.changed({'start_duration': 0.0}))
-        self.motion = fit_duration(
+        self._replace(fit_duration(
             lambda duration: Transition(present, changed, begin, duration),
             self.config.start_duration or _CHANGE_TIME_S,
-            self.limits)
+            self.limits))
         self._shape = _shape(self.config)
-        self.in_force = begin
         return True
 
 

@@ -46,6 +46,7 @@ from ctc_chattering.trajectory.joint_limits import (
     describe_violations,
     JointLimits,
 )
+from ctc_chattering.trajectory.path_clock import PathClock, ScaledMotion
 from ctc_chattering.trajectory.transitions import (
     sample_passage,
     shortest_duration,
@@ -85,6 +86,9 @@ class ReferenceConfig(DescribedConfig):
         'empty for none.', read_only=True)
     start_duration: float = parameter(
         0.0, 'Time of a smooth start from where the robot is; 0 for none, as in the paper.', 's')
+    speed_scaling: float = parameter(
+        1.0, 'Speed of the motion as a share of its own; 0 holds the position. A change slews.',
+        minimum=0.0, maximum=1.0)
 
 
 class JointSinusoid(NamedTuple):
@@ -329,9 +333,10 @@ def reference_table(
 
     """
     order = tuple(config.joint_names.index(name) for name in joints)
-    if route is not None:
+    if route is not None or config.speed_scaling != 1.0:
         motion = make_motion(config, route, dict(start), continuous=continuous)
-        return _sample(motion, order, period, count)
+        clock = PathClock(config.speed_scaling, config.speed_scaling)
+        return _sample(ScaledMotion(motion, clock), order, period, count)
     table: Array = _profile_table(config, start, order, period, count, continuous)
     return table
 

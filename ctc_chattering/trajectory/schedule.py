@@ -19,16 +19,22 @@ The node hands over times, waypoints and parameters, and publishes the chunks. T
 is simulated time, or real time since the first state, by the clock of the stamps of the states.
 Chunks cover the horizon on the control grid. What has been published until a quarter of the
 horizon ahead stays as it is.
+
+The plan knows path time only. A `PathClock` scales it, by the parameter `speed_scaling`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import inf
 
 from ctc_chattering.errors import ParameterError, RejectedMessage
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.motion_plan import Followed, MotionPlan
+from ctc_chattering.trajectory.path_clock import PathClock, ScaledMotion
+from ctc_chattering.trajectory.reference import RobotState
+from ctc_chattering.trajectory.transitions import BRAKING_TIME, fit_duration
 from ctc_chattering.trajectory.waypoints import Route
 
 #: Largest change between two states of the time from stamp to arrival [ns].
@@ -71,6 +77,9 @@ class MotionSchedule:
         self._lead = 0
         #: Index of the sample to publish next.
         self._next = 0
+        self._clock = self._start_clock()
+        #: Instant from which the parameters of the plan are in force [ns].
+        self._in_force = 0
 
     @property
     def running(self) -> bool:
@@ -136,15 +145,48 @@ class MotionSchedule:
         if went_back:
             self.repeat()
             self._plan.restart()
+            self._clock = self._start_clock()
+            self._in_force = 0
+
+    def _start_clock(self) -> PathClock:
+        """Return the clock of a motion that begins."""
+        rate = self._plan.config.speed_scaling
+        return PathClock(rate, rate)
+
+    @property
+    def path_time(self) -> int:
+        """Present path time [ns]."""
+        return self._clock.at(self.now or 0).instant
+
+    @property
+    def replacements(self) -> int:
+        """Number of motions that have replaced another one."""
+        return self._plan.replacements
+
+    def path_time_of(self, stamp: int) -> int:
+        """Return the path time at a stamp of the states [ns]."""
+        return self._clock.at(stamp - (self._start or 0)).instant
+
+    def time_until(self, s: int) -> float:
+        """Return the time until path time `s` [s], inf while the motion stands."""
+        instant = self._clock.instant_of(s)
+        return inf if instant is None else max(seconds(instant - (self.now or 0)), 0.0)
 
     def repeat(self) -> None:
         """Publish again the chunks from now on."""
         if self.now is not None:
             self._next = self.now // self._period
 
+    def begin(self, start: RobotState, t: int) -> None:
+        """Begin the motion where the robot is at `t` [ns], as `MotionPlan.begin`."""
+        self._plan.begin(start, self._clock.at(t).instant)
+        self._in_force = 0
+
     def follow(self, route: Route, stamp: int) -> Followed:
         """
         Follow waypoints after what has been published.
+
+        The end of what it returns is a path time.
 
         Parameters
         ----------
@@ -169,10 +211,11 @@ class MotionSchedule:
                 raise ParameterError(name, seconds(t), '0 s or more')
         begin = self._after_published(self.now)
         epoch = (self._start or 0) - self._lead
-        start = stamp - epoch if stamp else begin
+        start = self._clock.at(stamp - epoch if stamp else begin).instant
         times = [start + t for t in route.times]
         route = route._replace(times=times)
-        followed = self._plan.follow(route, self.now, begin, epoch)
+        path_begin = self._clock.at(begin).instant
+        followed = self._plan.follow(route, self.path_time, path_begin, epoch)
         self._next = begin // self._period
         return followed
 
@@ -184,22 +227,42 @@ class MotionSchedule:
         """
         assert self.now is not None
         begin = self._after_published(self.now)
-        if self._plan.update(self.now, begin):
+        path_begin = self._clock.at(begin).instant
+        changed = self._plan.update(self.path_time, path_begin)
+        rate = self._plan.config.speed_scaling
+        slews = self._clock.rate != rate
+        if slews and self.now >= self._clock.end:
+            self._clock = self._slew(begin, rate)
+            changed, slews = True, False
+        if changed:
             self._next = begin // self._period
-        start = self._start or 0
-        return None if self._plan.change_pending else start + self._plan.in_force
+            self._in_force = begin
+        pending = slews or self._plan.change_pending
+        return None if pending else (self._start or 0) + self._in_force
+
+    def _slew(self, begin: int, rate: float) -> PathClock:
+        """Return a clock that passes to another rate within the limits."""
+        motion = self._plan.motion
+        assert motion is not None
+
+        def passage(duration: float) -> ScaledMotion:
+            return ScaledMotion(motion, self._clock.slew(begin, rate, duration))
+
+        duration = seconds(fit_duration(passage, BRAKING_TIME, self._plan.limits).end - begin)
+        return self._clock.slew(begin, rate, duration)
 
     def chunks(self) -> Iterator[tuple[int, list[Point]]]:
         """Yield stamp and samples of each chunk up to the horizon."""
         assert self.now is not None and self._plan.motion is not None
         start = self._start or 0
+        motion = ScaledMotion(self._plan.motion, self._clock)
         present = self.now // self._period
         self._next = max(self._next, present)
         while self._next < present + self._ahead:
             begin = self._next * self._period
             end = begin + self.chunk_size * self._period
             instants = range(begin, end, self._period)
-            points = list(map(self._plan.motion.at, instants))
+            points = list(map(motion.at, instants))
             yield start + begin, points
             self._next += self.chunk_size
 

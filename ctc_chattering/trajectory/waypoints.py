@@ -26,7 +26,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-from ctc_chattering.errors import ParameterError
+from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.angles import turned, turns_to
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import seconds
@@ -37,6 +37,10 @@ from ctc_chattering.trajectory.buffer import follow_turns, interpolate, Point
 FIELDS = ('positions', 'velocities', 'accelerations')
 #: Points between two waypoints at which limits are checked.
 _CHECKS_PER_SEGMENT = 32
+
+
+class PastWaypointsError(CtcError):
+    """Waypoints that are all past."""
 
 
 class Waypoints:

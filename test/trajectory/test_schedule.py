@@ -149,9 +149,12 @@ def test_a_change_during_a_transition_is_in_force_after_its_end() -> None:
 
 def test_a_motion_that_begins_again_has_its_parameters_from_its_start_on() -> None:
     plan = MotionPlan(CONFIG.changed({'start_duration': 1.0}), None)
-    plan.begin({}, 0)
+    schedule = MotionSchedule(plan, PERIOD, HORIZON)
+    schedule.follow_clock(0)
+    schedule.begin({}, 0)
+    schedule.follow_clock(8 * S)
     plan.config = plan.config.changed({'amplitude': (0.1, 0.1)})
-    assert plan.update(8 * S, 8 * S)
-    plan.restart()
-    plan.begin({}, 0)
-    assert plan.in_force == 0
+    assert schedule.update() == 8 * S + 100 * MS
+    schedule.follow_clock(S)
+    schedule.begin({}, S)
+    assert schedule.update() == 0
