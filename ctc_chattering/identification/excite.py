@@ -23,12 +23,12 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.collision import SelfCollision
 from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.trajectory_file import write_trajectory
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, model_of
 from ctc_chattering.errors import CtcError, MachineError, suggest
-from ctc_chattering.identification.collision import SelfCollision
 from ctc_chattering.identification.random_motions import (
     Bounds,
     bounds_of,

@@ -26,6 +26,7 @@ from pathlib import Path
 import time
 from typing import Any
 
+from ctc_chattering.configuration.collision import SelfCollision
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ReferenceNodeConfig
 from ctc_chattering.configuration.trajectory_file import read_trajectory
@@ -45,11 +46,18 @@ from ctc_chattering.trajectory.joint_limits import read_limits
 from ctc_chattering.trajectory.motion_plan import Followed, MotionPlan
 from ctc_chattering.trajectory.reference import ReferenceConfig
 from ctc_chattering.trajectory.schedule import MotionSchedule
+from ctc_chattering.trajectory.transitions import Transition
 from ctc_chattering.trajectory.waypoints import Route
+import numpy as np
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
+#: Postures on the way home at which links are checked for collisions.
+_COLLISION_CHECKS = 201
+#: Distance that links keep on the way home [m], or half of that at its ends.
+_CLEARANCE_M = 0.02
 #: Time between two attempts to begin, where the start is refused [ns].
 _RETRY_NS = 5 * NANOSECONDS
 
@@ -90,6 +98,11 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             ValidatedSubscription(self, Clock, CLOCK, self._on_clock, qos(), read_stamp),
             ValidatedSubscription(
                 self, JointTrajectory, f'~/{JOINT_TRAJECTORY}', self._on_waypoints, qos(10))]
+        self._description = ''
+        #: Whether the motion goes home as soon as it is at rest.
+        self._home_requested = False
+        self.urgent = [self.create_service(Trigger, '~/stop', self._on_stop),
+                       self.create_service(Trigger, '~/home', self._on_home)]
         self._action: TrajectoryAction | None = None
         if FollowJointTrajectory is not None:
             self._action = TrajectoryAction(self, config, self._schedule, self._follow)
@@ -100,6 +113,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
 
     def begin(self, description: str) -> None:
         """Take the limits, and make a motion that needs no state."""
+        self._description = description
         if description:
             self._plan.limits = read_limits(description, self._plan.config.joint_names)
         self._plan.prepare()
@@ -144,6 +158,8 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         self._publish_chunks()
         if self._action is not None:
             self._action.update()
+        if self._home_requested and self._schedule.at_rest:
+            self._go_home()
 
     def status(self) -> Status:
         """Return whether the motion runs, and why not."""
@@ -205,6 +221,63 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
                                f'at rest in {remaining:.3g} s')
         self._publish_chunks()
         return followed
+
+    def _on_stop(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Bring the motion to rest on its path, and hold there."""
+        self._home_requested = False
+        try:
+            followed = self._follow(Route((), [], []), 0)
+        except CtcError as error:
+            response.message = str(error)
+            return response
+        remaining = self._schedule.time_until(followed.end)
+        response.success = True
+        response.message = f'The motion stops. It rests in {remaining:.3g} s.'
+        return response
+
+    def _on_home(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Go to where the configured motion begins, after a stop."""
+        if not self._schedule.at_rest:
+            self._on_stop(request, response)
+            self._home_requested = response.success
+            response.message += ' Then it goes home.' if response.success else ''
+            return response
+        response.message = self._go_home()
+        response.success = not self._refused_waypoints
+        return response
+
+    def _go_home(self) -> str:
+        """Begin the way home, and describe the outcome."""
+        self._home_requested = False
+        try:
+            checked = self._check_collisions(self._schedule.plan_home())
+            self._schedule.follow_real_time(self.get_clock().now().nanoseconds)
+            followed = self._schedule.go_home()
+        except CtcError as error:
+            self._refused_waypoints = str(error)
+            self.get_logger().error(f'~/home: {error}')
+            return str(error)
+        self._refused_waypoints = ''
+        remaining = self._schedule.time_until(followed.end)
+        text = f'The motion goes home. It rests there in {remaining:.3g} s. {checked}'
+        self.get_logger().info(f'~/home: {text}')
+        self._publish_chunks()
+        return text
+
+    def _check_collisions(self, way: Transition) -> str:
+        """Refuse a way on which links come too near each other, and tell what was checked."""
+        instants = np.linspace(way.t0, way.end, _COLLISION_CHECKS)
+        t = (instants - way.t0) / NANOSECONDS
+        positions = np.array([way.at(round(instant))[0] for instant in instants])
+        try:
+            links = SelfCollision(
+                self._description, self.config.joint_names, {}, positions[[-1, 0]], _CLEARANCE_M)
+        except CtcError as error:
+            return f'Links were not checked for collisions: {error}.'
+        approach = links.nearest(t, positions)
+        if approach.spare < 0.0:
+            raise CtcError(f'links come too near each other on the way home: {approach.text}')
+        return f'Links keep {approach.text}.'
 
     def _publish_chunks(self) -> None:
         """Publish chunks until the motion is known far enough ahead."""

@@ -38,6 +38,7 @@ from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, Ro
 from ctc_chattering.trajectory.transitions import (
     BRAKING_TIME,
     fit_duration,
+    sample_passage,
     smooth_start,
     Stop,
     TimedMotion,
@@ -58,6 +59,8 @@ _CHANGE_TIME_S = 2.0
 _CATCH_UP_SPEED_RATIO = 1.5
 #: Speed that catching up may always have [rad/s or m/s].
 _MIN_CATCH_UP_SPEED = 0.5
+#: Largest speed of a joint on the way home [rad/s or m/s].
+_HOME_SPEED = 0.5
 
 
 class Followed(NamedTuple):
@@ -243,6 +246,53 @@ class MotionPlan:
             self.limits)
         self._replace(stop)
         return Followed(0, 0, stop.end)
+
+    def is_at_rest(self, begin: int) -> bool:
+        """Tell whether the motion rests from path time `begin` [ns] on."""
+        motion = self.motion
+        if isinstance(motion, Transition) and begin >= motion.end:
+            motion = motion.target
+        stands = isinstance(motion, (Stop, Waypoints)) and begin >= motion.end
+        return stands or not (any(self.config.amplitude) or motion is None)
+
+    def way_home(self, begin: int) -> Transition:
+        """
+        Return the way from rest to where the configured motion begins.
+
+        It is a straight line of the joints, within the limits and at most 0.5 rad/s or m/s.
+
+        Parameters
+        ----------
+        begin : int
+            Path time at which it begins [ns].
+
+        Raises
+        ------
+        CtcError
+            If no way keeps the limits.
+
+        """
+        assert self.motion is not None
+        state = self.motion.at(begin)
+        first = make_motion(self.config.changed({'start_duration': 0.0}), self._route)
+        q, _, _ = first.at(0)
+        zeros = (0.0,) * len(q)
+        goal = Route(self.config.joint_names, [begin], [(q, zeros, zeros)])
+        goal = goal.by_the_short_way(
+            continuous_joints(self.config, self.limits), (begin, state))
+        limits = limit_speed(
+            self.limits or list(map(JointLimits, self.config.joint_names)), _HOME_SPEED)
+        home = Waypoints(goal.times, goal.points)
+        way = fit_duration(
+            lambda duration: smooth_start(home, begin, state, duration),
+            _CHANGE_TIME_S,
+            limits)
+        check_limits('the way home', limits, sample_passage(way))
+        return way
+
+    def take(self, way: Transition) -> None:
+        """Follow a way that begins where the motion is."""
+        self._replace(way)
 
     def update(self, now: int, begin: int) -> bool:
         """

@@ -34,7 +34,7 @@ from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.motion_plan import Followed, MotionPlan
 from ctc_chattering.trajectory.path_clock import PathClock, ScaledMotion
 from ctc_chattering.trajectory.reference import RobotState
-from ctc_chattering.trajectory.transitions import BRAKING_TIME, fit_duration
+from ctc_chattering.trajectory.transitions import BRAKING_TIME, fit_duration, Transition
 from ctc_chattering.trajectory.waypoints import Route
 
 #: Largest change between two states of the time from stamp to arrival [ns].
@@ -218,6 +218,24 @@ class MotionSchedule:
         followed = self._plan.follow(route, self.path_time, path_begin, epoch)
         self._next = begin // self._period
         return followed
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the motion rests from now on."""
+        return self.now is not None and self._plan.is_at_rest(self.path_time)
+
+    def plan_home(self) -> Transition:
+        """Return the way home from the rest at which the motion is, as `MotionPlan.way_home`."""
+        assert self.now is not None
+        return self._plan.way_home(self._clock.at(self._after_published(self.now)).instant)
+
+    def go_home(self) -> Followed:
+        """Follow the way home after what has been published."""
+        assert self.now is not None
+        way = self.plan_home()
+        self._plan.take(way)
+        self._next = self._after_published(self.now) // self._period
+        return Followed(1, 0, way.end)
 
     def update(self) -> int | None:
         """

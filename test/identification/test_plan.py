@@ -24,11 +24,11 @@ from typing import Any, NamedTuple
 import xml.etree.ElementTree as ET
 
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.collision import SelfCollision
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import make_model, model_of
 from ctc_chattering.errors import CtcError
-from ctc_chattering.identification.collision import SelfCollision
 from ctc_chattering.identification.excite import (
     AssumedFriction,
     excite,

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ctc_chattering.configuration.collision import SelfCollision
 from ctc_chattering.errors import CtcError
-from ctc_chattering.identification.collision import SelfCollision
 import numpy as np
 import numpy.typing as npt
 import pytest
