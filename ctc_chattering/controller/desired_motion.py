@@ -24,10 +24,24 @@ from __future__ import annotations
 from typing import cast
 
 from ctc_chattering.numerics.linear_algebra import Vector
-from ctc_chattering.numerics.time_grid import NANOSECONDS
+from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.trajectory.buffer import Point, Trajectory
-from ctc_chattering.trajectory.transitions import smooth_start, TimedMotion, Transition
+from ctc_chattering.trajectory.transitions import (
+    braking,
+    BRAKING_TIME,
+    smooth_start,
+    Stop,
+    TimedMotion,
+    Transition,
+)
+from ctc_chattering.trajectory.waypoints import Waypoints
 
+#: Largest distance of a reference that takes over a robot that is held [rad or m].
+_TAKEOVER_DISTANCE = 1e-3
+#: Time between the waypoints of a stop before a limit [ns].
+_STOP_STEP_NS = NANOSECONDS // 100
+#: Share of the time before a limit that a stop may use along the path.
+_STOP_SHARE = 0.9
 #: Time without a torque after which the robot may be far from the reference [ns].
 PAUSE = NANOSECONDS // 10
 
@@ -54,6 +68,8 @@ class DesiredMotion(Trajectory):
         As the parameter of this name: duration of a way back [s], or 0 for none.
     way_back : Transition or None
         The way back to the reference, or None where that is followed.
+    holding : bool
+        Whether the robot is held where it is until a reference rests there.
 
     """
 
@@ -61,11 +77,15 @@ class DesiredMotion(Trajectory):
         super().__init__(grace)
         self.restart_duration = 0.0
         self._lags = [k * period for k in range(delay + 1)]
+        self._period = period
+        self.holding = False
         self.restart()
 
     def restart(self) -> None:
         """Forget when the robot was driven last: time begins again."""
         self._driven: int | None = None
+        #: Motion to the rest at which the robot is held, None until its first sample.
+        self._rest: Waypoints | None = None
         self.way_back: Transition | None = None
 
     def pass_over(self, t: int, driven: bool) -> None:
@@ -77,6 +97,39 @@ class DesiredMotion(Trajectory):
     def resumes(self, t: int) -> bool:
         """Return whether `t` [ns] ends a pause of the torques."""
         return self._driven is not None and t - self._driven > PAUSE
+
+    def hold(self, rest: Waypoints | None = None) -> None:
+        """Hold the robot at the end of a motion, by default where it is at the next sample."""
+        self.holding = True
+        self.way_back = None
+        self._rest = rest
+
+    def stop_before(self, t: int, begin: int) -> None:
+        """
+        Come to rest on the path before instant `t`, and hold.
+
+        Parameters
+        ----------
+        t, begin : int
+            Instant that must not be reached, and that from which on the motion slows down [ns].
+
+        """
+        # Half of the duration of a stop is time along the path.
+        duration = min(2.0 * BRAKING_TIME, _STOP_SHARE * 2.0 * seconds(max(t - begin, 1)))
+        stop = Stop(cast('TimedMotion', self), begin, duration)
+        times = [*range(begin, stop.end, max(self._period, _STOP_STEP_NS)), stop.end]
+        self.hold(Waypoints(times, [stop.at(instant) for instant in times]))
+
+    def _held_points(self, t: int, q: Vector, dq: Vector) -> list[Point] | None:
+        """Return the points of the rest, or None once a reference rests there."""
+        if self._rest is None or self.resumes(t):
+            self._rest = braking(t, (q, dq, (0.0,) * len(q)), BRAKING_TIME)
+        held, reference = self._rest.at(t), self.at(t)
+        if t >= self._rest.end and reference is not None and _rests_at(reference, held):
+            self.holding = False
+            self._rest = None
+            return None
+        return [self._rest.at(t + lag) for lag in self._lags]
 
     def anchor_point(self, t: int) -> Point | None:
         """Return the point at `t` [ns] beside which turns are counted, if it is known."""
@@ -110,6 +163,11 @@ class DesiredMotion(Trajectory):
             If a way back begins that is not finite.
 
         """
+        if self.holding:
+            held = self._held_points(t, q, dq)
+            self._driven = t
+            if held is not None:
+                return held
         points = [self.at(t + lag) for lag in self._lags]
         if points[0] is None:
             return None
@@ -126,3 +184,11 @@ class DesiredMotion(Trajectory):
                 return [self.way_back.at(t + lag) for lag in self._lags]
             self.way_back = None
         return points  # type: ignore[return-value]  # After the first one, none is unknown.
+
+
+def _rests_at(point: Point, held: Point) -> bool:
+    """Return whether a point of the reference rests where the robot is held."""
+    q, dq, _ = point
+    rest, _, _ = held
+    is_near = all(abs(x - y) <= _TAKEOVER_DISTANCE for x, y in zip(q, rest))
+    return is_near and not any(dq)

@@ -27,6 +27,7 @@ from collections.abc import Callable, Sequence
 from typing import cast, NamedTuple, NoReturn
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
+from ctc_chattering.control.hand_guiding import HandGuiding
 from ctc_chattering.controller import stamps
 from ctc_chattering.controller.answers import Answered, AnsweredStates, MIN_STATES, shortfall
 from ctc_chattering.controller.desired_motion import DesiredMotion
@@ -42,16 +43,26 @@ from ctc_chattering.controller.rehearsal import Rehearsal
 from ctc_chattering.controller.state_machine import Input, Mode
 from ctc_chattering.controller.trips import TripMonitor
 from ctc_chattering.controller.watchdog import Logger, Watchdog
-from ctc_chattering.errors import ParameterError, RejectedMessage
+from ctc_chattering.errors import CtcError, ParameterError, RejectedMessage
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.trajectory.buffer import Point
+from ctc_chattering.trajectory.joint_limits import TOLERANCE as LIMIT_TOLERANCE
 from ctc_chattering.trajectory.transitions import BRAKING_TIME, Stop, TimedMotion
 
 #: Points of the reference that are kept while there is no state: a minute at 1 kHz.
 _MAX_POINTS = 60_000
 #: Steps are too slow if each of so many takes more than a period.
 _SLOW_STEPS = 10
+
+
+class BeyondLimit(NamedTuple):
+    """First point of a reference beyond a position limit."""
+
+    #: Number of points before it.
+    allowed: int
+    #: What is beyond which limit, empty for nothing.
+    text: str
 
 
 class Answer(NamedTuple):
@@ -139,6 +150,10 @@ class ControlLoop:
         self._pending: JointSample | None = None
         #: The torque sent last, or None before the first and after a last one of 0.
         self._held: Vector | None = None
+        #: The torque for a hand, while the robot is guided.
+        self._guiding: HandGuiding | None = None
+        #: Why the robot is held, for a user.
+        self.hold_reason = ''
         #: Whether a torque was ever sent: before that, gaps of the states are those of the start.
         self._has_sent = False
 
@@ -175,11 +190,33 @@ class ControlLoop:
             raise RejectedMessage('past', (
                 f'all of its points are past: the last one is at {seconds(times[-1]):.3f} s, the '
                 f'last state at {seconds(self.last.t):.3f} s; are the clocks synchronised?'))
-        self.motion.extend(times, points)
+        beyond = self._first_beyond_limits(points)
+        self.motion.extend(times[:beyond.allowed], points[:beyond.allowed])
+        if beyond.text:
+            self._stop_before_limit(times[beyond.allowed], beyond.text)
         if self.last is not None:
             self.motion.forget(self.last.t - self.period)
         if self.last is None or self.watchdog.out:
             self.motion.limit(max(_MAX_POINTS, len(times)))
+
+    def _first_beyond_limits(self, points: Sequence[Point]) -> BeyondLimit:
+        """Return the first point beyond a position limit of the model."""
+        limits = self._law.model.position_limits if self._law is not None else ()
+        for i, (q, _, _) in enumerate(points):
+            for name, x, (lower, upper) in zip(self._names, q, limits):
+                if not lower - LIMIT_TOLERANCE <= x <= upper + LIMIT_TOLERANCE:
+                    return BeyondLimit(i, f'{name}: {x:.4g} is beyond its limits, {lower:.4g} to '
+                                       f'{upper:.4g}')
+        return BeyondLimit(len(points), '')
+
+    def _stop_before_limit(self, t: int, text: str) -> None:
+        """Stop the motion before an instant beyond a limit, and refuse the rest of it."""
+        begin = None if self.last is None else self.last.t + self.period
+        if begin is not None and self.motion.at(begin) is not None and not self.motion.holding:
+            self.motion.stop_before(t, begin)
+            self.hold_reason = text
+            self._log.error(f'reference: {text}; stopping before it')
+        raise RejectedMessage('limit', text)
 
     def _stop_motion(self) -> None:
         """Bring the reference to rest on its path."""
@@ -294,6 +331,8 @@ class ControlLoop:
             return None
         instant = law.instant(state.t)
         is_allowed = self.mode.allows_torque
+        if self._guiding is not None and is_allowed and matched:
+            return self._answer_hand(self._guiding, state)
         points = None
         if is_allowed and matched:
             if not self._positions.anchored or self.motion.resumes(instant):
@@ -319,12 +358,53 @@ class ControlLoop:
             return None
         self._pending = None
         self._has_sent = self.lost_states.may_follow = True
-        if self.motion.overdue(state.t):
+        if self.motion.holding:
+            self.handle(Input.HOLD_STILL)
+        elif self.motion.overdue(state.t):
             self._hold_position()
         else:
             self.handle(Input.FOLLOW if self.motion.way_back is None else Input.LEAD_BACK)
         self.health.add(sample)
         return Answer(state, points[0], sample)
+
+    def _answer_hand(self, guiding: HandGuiding, state: JointSample) -> Answer:
+        """Answer a state of a robot that is guided by hand."""
+        zero = (0.0,) * len(self._names)
+        tau = guiding.torque(state.q, state.dq, self._held or zero)
+        self._send(tau)
+        self._held, self._pending, self._has_sent = tau, None, True
+        self.lost_states.may_follow = False
+        self.handle(Input.GUIDE)
+        sample = Sample(tau, zero, zero, zero, tau, zero, zero, None)
+        self.health.add(sample)
+        return Answer(state, (state.q, state.dq, zero), sample)
+
+    def guide(self, on: bool) -> str:
+        """
+        Begin or end guiding by hand, and tell what was done.
+
+        After its end the robot is held where it is, until a reference rests there.
+        """
+        if on == (self._guiding is not None):
+            return 'The robot is guided already.' if on else 'The robot was not guided.'
+        if not on:
+            self._leave_guiding('it was guided by hand')
+            return 'The robot is held until a reference rests there.'
+        if self._law is None or not self.mode.allows_torque:
+            raise CtcError(f'The robot cannot be guided while the controller is '
+                           f'{self.mode.text}.')
+        self._guiding = HandGuiding(self._law.config, self._law.model, self.period)
+        self._log.info('guided by hand, by a service')
+        return 'The robot is guided by hand.'
+
+    def _leave_guiding(self, reason: str) -> None:
+        """Hold the robot where it is, if it was guided."""
+        if self._guiding is None:
+            return
+        self._guiding = None
+        self.hold_reason = reason
+        self.motion.hold()
+        self._restart_law()
 
     def _anchor_turns(self, law: Controller, instant: int, state: JointSample) -> JointSample:
         """
@@ -482,6 +562,7 @@ class ControlLoop:
     def _trip(self, reason: str) -> None:
         """End the torques until a reset."""
         self.tripped = reason
+        self._leave_guiding('it was guided by hand')
         self._answers.clear()
         self.handle(Input.TRIP)
         self.end_torque()
@@ -489,6 +570,8 @@ class ControlLoop:
 
     def request(self, event: Input) -> bool:
         """Handle a request, and return whether anything changed."""
+        if event is Input.DISABLE:
+            self._leave_guiding('it was guided by hand')
         if changed := self.handle(event):
             self._log.info(f'{event.value}, by a service')
             if event is not Input.DISABLE:

@@ -45,6 +45,8 @@ class Mode(Enum):
     RUNNING = 'running', True, True
     RESTARTING = 'running, back to the reference', True, True
     HOLDING = 'holding the position, the reference is late', True, True
+    HELD = 'holding the position until a reference rests there', True, True
+    GUIDED = 'guided by hand', True, True
     NO_STATE = 'no state', False, True
     TRIPPED = 'tripped', False, False
     DISABLED = 'disabled; call ~/enable', False, False
@@ -74,6 +76,9 @@ class Input(Enum):
     FOLLOW = 'follow'
     LEAD_BACK = 'lead back'
     HOLD = 'hold'
+    #: A torque is sent to hold the position until a reference rests there, or for a hand.
+    HOLD_STILL = 'hold still'
+    GUIDE = 'guide'
     #: The torques must end until a reset: see `controller/trips.py`.
     TRIP = 'trip'
     RESET = 'reset'
@@ -86,6 +91,7 @@ class Input(Enum):
 #: Rows of all modes in which torques are sent, or would be.
 _ARMED = {
     Input.FOLLOW: Mode.RUNNING, Input.LEAD_BACK: Mode.RESTARTING, Input.HOLD: Mode.HOLDING,
+    Input.HOLD_STILL: Mode.HELD, Input.GUIDE: Mode.GUIDED,
     Input.NO_REFERENCE: Mode.WAITING_FOR_REFERENCE, Input.SILENCE: Mode.NO_STATE,
     Input.TRIP: Mode.TRIPPED, Input.DISABLE: Mode.DISABLED}
 
@@ -96,6 +102,8 @@ TRANSITIONS: Mapping[Mode, Mapping[Input, Mode]] = {
     Mode.RUNNING: _ARMED,
     Mode.RESTARTING: _ARMED,
     Mode.HOLDING: _ARMED,
+    Mode.HELD: _ARMED,
+    Mode.GUIDED: _ARMED,
     Mode.NO_STATE: {Input.STATE: Mode.WAITING_FOR_REFERENCE, Input.TRIP: Mode.TRIPPED,
                     Input.DISABLE: Mode.DISABLED},
     Mode.TRIPPED: {Input.RESET: Mode.WAITING_FOR_STATE,

@@ -52,6 +52,8 @@ def loop_status(loop: ControlLoop, now: int, rejected: Mapping[str, int], skippe
         return Problem(2, f'tripped: {loop.tripped}; call ~/reset')
     if mode is Mode.NO_STATE:
         return Problem(2, f'no state for {seconds(loop.watchdog.silence(now)):.1f} s')
+    if mode is Mode.HELD:
+        return Problem(1, f'{mode.text}: {loop.hold_reason}')
     if mode is Mode.HOLDING:
         return Problem(
             2, f'no reference for {seconds(loop.motion.grace):g} s; holding the position')

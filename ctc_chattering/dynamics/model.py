@@ -50,6 +50,8 @@ class Model(ABC):
     n: int
     #: Largest torque of each joint, inf for unlimited [N·m]. Empty where nothing is known.
     effort_limits: Vector = ()
+    #: Least and greatest position of each joint, ∓inf for none. Empty where nothing is known.
+    position_limits: Sequence[tuple[float, float]] = ()
     #: True for joints that turn endlessly: their position counts modulo 2π. Empty for none.
     continuous: Sequence[bool] = ()
 
@@ -168,6 +170,7 @@ class Scaled(Model):
     def __init__(self, model: Model, inertia: float, gravity: float) -> None:
         self.n = model.n
         self.effort_limits = model.effort_limits
+        self.position_limits = model.position_limits
         self.continuous = model.continuous
         self._model = model
         self._inertia = inertia

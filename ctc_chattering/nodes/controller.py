@@ -47,7 +47,7 @@ from ctc_chattering.controller.state_machine import Input, Mode
 from ctc_chattering.controller.status import loop_status
 from ctc_chattering.controller.trips import check_change, missing_limits
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import RejectedMessage
+from ctc_chattering.errors import CtcError, RejectedMessage
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.ros.loop_node import LoopNode
 from ctc_chattering.ros.messages import (
@@ -117,7 +117,8 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         #: Whether all subscribers of the torques are matched, and whether there is a clock.
         self._matched = self._clock_published = False
         self.urgent = [self.create_service(SetBool, '~/enable', self._on_enable),
-                       self.create_service(Trigger, '~/reset', self._on_reset)]
+                       self.create_service(Trigger, '~/reset', self._on_reset),
+                       self.create_service(SetBool, '~/guide', self._on_guide)]
         self.find_description()
 
     def begin(self, description: str) -> None:
@@ -285,6 +286,16 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         response.message = word if changed else f'was {word} already'
         if request.data and self._loop.mode is Mode.TRIPPED:
             response.message += ', but tripped: call ~/reset'
+        return response
+
+    def _on_guide(self, request: SetBool.Request, response: SetBool.Response
+                  ) -> SetBool.Response:
+        """Begin or end guiding by hand."""
+        try:
+            response.message = self._loop.guide(request.data)
+            response.success = True
+        except CtcError as error:
+            response.message = str(error)
         return response
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response

@@ -30,8 +30,10 @@ from ctc_chattering.configuration.collision import SelfCollision
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ReferenceNodeConfig
 from ctc_chattering.configuration.trajectory_file import read_trajectory
+from ctc_chattering.controller.state_machine import Mode
 from ctc_chattering.errors import CtcError, RejectedMessage
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, period_ns
+from ctc_chattering.ros.controller_reports import ControllerReports, TrackingError
 from ctc_chattering.ros.loop_node import LoopNode
 from ctc_chattering.ros.messages import LATEST, read_stamp, TrajectoryWriter
 from ctc_chattering.ros.reports import ERROR, OK, Status, WARN
@@ -103,9 +105,12 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         self._home_requested = False
         self.urgent = [self.create_service(Trigger, '~/stop', self._on_stop),
                        self.create_service(Trigger, '~/home', self._on_home)]
+        self._reports = ControllerReports(
+            self, config.joint_names, self._on_mode, self._on_error)
         self._action: TrajectoryAction | None = None
         if FollowJointTrajectory is not None:
-            self._action = TrajectoryAction(self, config, self._schedule, self._follow)
+            self._action = TrajectoryAction(
+                self, config, self._schedule, self._follow, self._reports.listen)
         else:
             self.get_logger().info(
                 f'~/{config.action_name} is not served, because control_msgs is not installed')
@@ -212,8 +217,26 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             self._refused_waypoints = str(error)
             raise RejectedMessage(getattr(error, 'kind', 'waypoints'), str(error)) from None
 
+    def _on_mode(self, mode: Mode, text: str) -> None:
+        """Take the place of a robot that is held, and end a goal that is not followed."""
+        if mode is Mode.HELD:
+            self._reports.listen()
+        if self._action is not None:
+            self._action.on_mode(mode, text)
+
+    def _on_error(self, sample: TrackingError) -> None:
+        """Rest where the robot is held, and judge a goal."""
+        is_held = self._reports.mode is Mode.HELD and not any(sample.dq_d)
+        if is_held and self._schedule.running and not self._schedule.rests_at(sample.q_d):
+            self._schedule.rest_at(sample.q_d)
+            self._publish_chunks()
+        if self._action is not None:
+            self._action.judge(sample)
+
     def _follow(self, route: Route, stamp: int) -> Followed:
         """Follow waypoints of the topic or the action."""
+        if len(route.points) and self._reports.mode in (Mode.GUIDED, Mode.HELD):
+            raise RejectedMessage('held', f'The robot is {self._reports.mode.text}.')
         followed = self._schedule.follow(route, stamp)
         self._refused_waypoints = ''
         remaining = self._schedule.time_until(followed.end)

@@ -30,12 +30,11 @@ from typing import Any
 
 from ctc_chattering.configuration.node_parameters import ReferenceNodeConfig
 from ctc_chattering.controller.state_machine import Mode
-from ctc_chattering.errors import CtcError, ParameterError, RejectedMessage
+from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, seconds
+from ctc_chattering.ros.controller_reports import TrackingError
 from ctc_chattering.ros.messages import stamp
-from ctc_chattering.ros.reports import MODE
-from ctc_chattering.ros.subscription import qos
-from ctc_chattering.ros.topics import DIAGNOSTICS, REFERENCE, select, TRACKING
+from ctc_chattering.ros.topics import REFERENCE
 from ctc_chattering.trajectory.goal import (
     Goal,
     GoalCode,
@@ -46,11 +45,9 @@ from ctc_chattering.trajectory.goal import (
 from ctc_chattering.trajectory.motion_plan import Followed
 from ctc_chattering.trajectory.schedule import MotionSchedule
 from ctc_chattering.trajectory.waypoints import check_names, PastWaypointsError, Route
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
 from rclpy.task import Future
-from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 try:
@@ -106,19 +103,20 @@ class TrajectoryAction:
     schedule : MotionSchedule
     follow : callable
         Follows waypoints of a stamp [ns], or stops without any. It raises `CtcError`.
+    listen : callable
+        Has the node pass on the errors of the controller to `judge`.
 
     """
 
     def __init__(self, node: Node, config: ReferenceNodeConfig, schedule: MotionSchedule,
-                 follow: Callable[[Route, int], Followed]) -> None:
+                 follow: Callable[[Route, int], Followed], listen: Callable[[], None]) -> None:
         self._node = node
         self._names = config.joint_names
         self._schedule = schedule
         self._follow = follow
+        self._listen = listen
         self.config = config
         self._active: _ActiveGoal | None = None
-        self._subscriptions: list[Any] = []
-        self._controller = f'{node.get_namespace().rstrip("/")}/controller'
         self._server = ActionServer(
             node, FollowJointTrajectory, f'~/{config.action_name}', self._execute,
             goal_callback=lambda _goal: GoalResponse.ACCEPT,
@@ -146,16 +144,6 @@ class TrajectoryAction:
             schedule.path_time, schedule.replacements, now)
         return await active.result
 
-    def _listen(self) -> None:
-        """Subscribe to the controller's reports."""
-        if not self._subscriptions:
-            node = self._node
-            self._subscriptions = [
-                node.create_subscription(
-                    JointState, f'controller/{TRACKING}', self._on_tracking, qos(10)),
-                node.create_subscription(
-                    DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, qos(10))]
-
     def update(self) -> None:
         """End a goal that is cancelled, replaced or no longer followed."""
         active, schedule = self._active, self._schedule
@@ -176,8 +164,9 @@ class TrajectoryAction:
 
     def _abort(self, text: str) -> None:
         """Stop the motion, and end its goal for a reason of the graph."""
-        self._stop()
-        self._end(Verdict(GoalCode.INVALID_GOAL, text))
+        if self._active is not None:
+            self._stop()
+            self._end(Verdict(GoalCode.INVALID_GOAL, text))
 
     def _stop(self) -> None:
         self._follow(Route((), [], []), 0)
@@ -196,55 +185,40 @@ class TrajectoryAction:
         self._node.get_logger().info(f'goal ended: {verdict.code.name}: {verdict.text}')
         active.result.set_result(_result(verdict))
 
-    def _on_tracking(self, message: JointState) -> None:
+    def judge(self, sample: TrackingError) -> None:
         """Judge the goal by an error that the controller reports."""
         active, schedule = self._active, self._schedule
         if active is None or schedule.now is None:
             return
-        names = [f'{name}/{x}' for x in ('desired', 'error') for name in self._names]
-        try:
-            q, dq = select(names, message.name, message.position, message.velocity)
-        except RejectedMessage:
-            return  # Of a controller for other joints.
-        t = nanoseconds(message.header.stamp)
-        s = schedule.path_time_of(t)
+        s = schedule.path_time_of(sample.t)
         if s < active.begin:
             return
         active.heard = schedule.now
-        n = len(self._names)
-        desired, error = (q[:n], dq[:n]), (q[n:], dq[n:])
-        self._send_feedback(active, t, desired, error)
-        verdict = active.goal.judge(s, *error)
+        self._send_feedback(active, sample)
+        verdict = active.goal.judge(s, sample.e, sample.de)
         if verdict is not None:
             if verdict.code is not GoalCode.SUCCESSFUL:
                 self._stop()
             self._end(verdict)
 
-    def _send_feedback(self, active: _ActiveGoal, t: int, desired: Sequence[Any],
-                       error: Sequence[Any]) -> None:
+    def _send_feedback(self, active: _ActiveGoal, sample: TrackingError) -> None:
         """Publish desired and actual state and error, if it is time."""
-        if t < active.feedback_due:
+        if sample.t < active.feedback_due:
             return
-        active.feedback_due = t + round(NANOSECONDS / self.config.action_monitor_rate)
-        actual = [[x - y for x, y in zip(*rows)] for rows in zip(desired, error)]
+        active.feedback_due = sample.t + round(NANOSECONDS / self.config.action_monitor_rate)
+        q = [x - e for x, e in zip(sample.q_d, sample.e)]
+        dq = [x - e for x, e in zip(sample.dq_d, sample.de)]
         feedback = FollowJointTrajectory.Feedback(joint_names=self._names)
-        feedback.header.stamp = stamp(t)
-        feedback.desired = _point(*desired)
-        feedback.actual = _point(*actual)
-        feedback.error = _point(*error)
+        feedback.header.stamp = stamp(sample.t)
+        feedback.desired = _point(sample.q_d, sample.dq_d)
+        feedback.actual = _point(q, dq)
+        feedback.error = _point(sample.e, sample.de)
         active.handle.publish_feedback(feedback)
 
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        """Abort where the controller may send no torque."""
-        if self._active is None:
-            return
-        for status in message.status:
-            if status.name != self._controller:
-                continue
-            values = {value.key: value.value for value in status.values}
-            mode = Mode.__members__.get(values.get(MODE, ''))
-            if mode is not None and not mode.allows_torque:
-                self._abort(f'The controller sends no torque: {status.message}')
+    def on_mode(self, mode: Mode, text: str) -> None:
+        """Abort where the controller may send no torque, or a hand leads the robot."""
+        if not mode.allows_torque or mode in (Mode.GUIDED, Mode.HELD):
+            self._abort(f'The controller does not follow: {text}')
 
 
 def read_tolerances(request: Any, config: ReferenceNodeConfig) -> GoalTolerances:

@@ -34,7 +34,12 @@ from ctc_chattering.trajectory.joint_limits import (
     JointLimits,
     limit_speed,
 )
-from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, RobotState
+from ctc_chattering.trajectory.reference import (
+    make_motion,
+    ReferenceConfig,
+    RobotState,
+    Sinusoid,
+)
 from ctc_chattering.trajectory.transitions import (
     BRAKING_TIME,
     fit_duration,
@@ -253,7 +258,7 @@ class MotionPlan:
         if isinstance(motion, Transition) and begin >= motion.end:
             motion = motion.target
         stands = isinstance(motion, (Stop, Waypoints)) and begin >= motion.end
-        return stands or not (any(self.config.amplitude) or motion is None)
+        return stands or (isinstance(motion, Sinusoid) and not any(self.config.amplitude))
 
     def way_home(self, begin: int) -> Transition:
         """
@@ -290,9 +295,9 @@ class MotionPlan:
         check_limits('the way home', limits, sample_passage(way))
         return way
 
-    def take(self, way: Transition) -> None:
-        """Follow a way that begins where the motion is."""
-        self._replace(way)
+    def take(self, motion: TimedMotion) -> None:
+        """Follow another motion from now on."""
+        self._replace(motion)
 
     def update(self, now: int, begin: int) -> bool:
         """

@@ -29,13 +29,14 @@ from collections.abc import Iterator
 from math import inf
 
 from ctc_chattering.errors import ParameterError, RejectedMessage
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.motion_plan import Followed, MotionPlan
 from ctc_chattering.trajectory.path_clock import PathClock, ScaledMotion
 from ctc_chattering.trajectory.reference import RobotState
 from ctc_chattering.trajectory.transitions import BRAKING_TIME, fit_duration, Transition
-from ctc_chattering.trajectory.waypoints import Route
+from ctc_chattering.trajectory.waypoints import Route, Waypoints
 
 #: Largest change between two states of the time from stamp to arrival [ns].
 MAX_LEAD_CHANGE_NS = NANOSECONDS // 4
@@ -223,6 +224,27 @@ class MotionSchedule:
     def at_rest(self) -> bool:
         """Whether the motion rests from now on."""
         return self.now is not None and self._plan.is_at_rest(self.path_time)
+
+    def rests_at(self, q: Vector) -> bool:
+        """Tell whether the motion rests at a position, shape (n,) [rad]."""
+        motion = self._plan.motion
+        if motion is None or not self.at_rest:
+            return False
+        position, _, _ = motion.at(self.path_time)
+        return list(position) == list(q)
+
+    def rest_at(self, q: Vector) -> None:
+        """
+        Rest at a position after what has been published.
+
+        The motion jumps there: only a robot that is held there already may be led by it.
+        """
+        assert self.now is not None
+        begin = self._after_published(self.now)
+        zeros = (0.0,) * len(q)
+        s = self._clock.at(begin).instant
+        self._plan.take(Waypoints([s], [(q, zeros, zeros)]))
+        self._next = begin // self._period
 
     def plan_home(self) -> Transition:
         """Return the way home from the rest at which the motion is, as `MotionPlan.way_home`."""

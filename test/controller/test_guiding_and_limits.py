@@ -1,0 +1,136 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Guided by hand, held where it is left, and stopped before a joint limit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ctc_chattering.control.controller import Controller
+from ctc_chattering.controller.state_machine import Input, Mode
+from ctc_chattering.dynamics.two_link import TwoLink
+from ctc_chattering.errors import CtcError, RejectedMessage
+from ctc_chattering.trajectory.buffer import Point
+from loop_robot import MOTION, MS, Robot, ZERO
+import numpy as np
+import pytest
+
+LEFT = (0.5, 0.7)
+
+
+def rest(robot: Robot, first: int, last: int, q: Sequence[float]) -> None:
+    """Send a reference that rests."""
+    point: Point = (tuple(q), tuple(ZERO), tuple(ZERO))
+    robot.loop.take_reference([k * MS for k in range(first, last)], [point] * (last - first))
+
+
+def left_by_hand(simulated: bool) -> Robot:
+    """Return a robot that is guided at `LEFT` while its reference goes on."""
+    robot = Robot(simulated)
+    robot.reference(0, 2000)
+    robot.state(0, LEFT)
+    assert robot.loop.guide(True) == 'The robot is guided by hand.'
+    gravity = robot.loop.law.model.gravity_torque(LEFT)  # type: ignore[union-attr]
+    for k in range(1, 20):
+        assert robot.state(k, LEFT) == [pytest.approx(gravity)]
+    assert robot.status() == (0, 'guided by hand')
+    return robot
+
+
+@pytest.mark.parametrize('simulated', [False, True])
+def test_a_guided_robot_is_held_where_it_is_left_until_a_reference_rests_there(
+        simulated: bool) -> None:
+    robot = left_by_hand(simulated)
+    gravity = robot.loop.law.model.gravity_torque(LEFT)  # type: ignore[union-attr]
+    assert robot.loop.guide(False) == 'The robot is held until a reference rests there.'
+    for k in range(20, 700):
+        assert robot.state(k, LEFT) == [pytest.approx(gravity)]
+    assert robot.status() == (1, 'holding the position until a reference rests there: it was '
+                              'guided by hand')
+    rest(robot, 700, 1000, (0.5, 0.71))
+    robot.state(700, LEFT)
+    assert robot.loop.mode is Mode.HELD
+    rest(robot, 701, 1000, (0.5, 0.7005))
+    assert robot.state(701, LEFT) != [pytest.approx(gravity)]
+    assert robot.loop.mode is Mode.RUNNING
+
+
+@pytest.mark.parametrize('event', [Input.DISABLE, Input.TRIP])
+def test_a_robot_that_was_guided_is_held_after_a_trip_or_a_pause(event: Input) -> None:
+    """It never goes back to its reference by itself."""
+    robot = left_by_hand(simulated=False)
+    if event is Input.TRIP:
+        robot.loop._trip('a test')
+        assert robot.state(20, LEFT) == []
+        robot.loop.request(Input.RESET)
+    else:
+        robot.loop.request(event)
+        assert robot.state(20, LEFT) == []
+        robot.loop.request(Input.ENABLE)
+    for k in range(200, 400):
+        robot.state(k, (0.6, 0.7))
+    assert robot.loop.mode is Mode.HELD
+    gravity = robot.loop.law.model.gravity_torque((0.6, 0.7))  # type: ignore[union-attr]
+    assert robot.sent[-1] == pytest.approx(gravity)
+
+
+def test_lost_states_end_the_torque_and_the_robot_is_guided_again() -> None:
+    robot = left_by_hand(simulated=False)
+    assert robot.silence(60) == [ZERO]
+    assert robot.loop.mode is Mode.NO_STATE
+    robot.state(70, LEFT)
+    assert robot.loop.mode is Mode.GUIDED
+
+
+def test_only_a_controller_that_may_send_torques_is_guided() -> None:
+    robot = Robot(simulated=True, enabled=False)
+    with pytest.raises(CtcError, match='cannot be guided while the controller is disabled'):
+        robot.loop.guide(True)
+    assert robot.loop.guide(False) == 'The robot was not guided.'
+
+
+@pytest.mark.parametrize('lead', [100, 700])
+def test_a_reference_beyond_a_limit_is_stopped_before_it_and_held(lead: int) -> None:
+    """The upper limit of joint 1 is reached after `lead` samples."""
+    first = 100
+    limit = MOTION[first + lead][0][0] if lead < 200 else max(q[0] for q, _, _ in MOTION) - 0.01
+    beyond = next(k for k in range(first, 2000) if MOTION[k][0][0] > limit + 1e-3)
+    robot = Robot(simulated=True)
+    model = TwoLink(9.81)  # One of its own: the others are shared.
+    model.position_limits = ((-limit, limit), (-9.0, 9.0))
+    robot.loop.law = Controller(robot.config, model)
+    robot.reference(0, first)
+    for k in range(first - 20):
+        robot.state(k, MOTION[k][0])
+    with pytest.raises(RejectedMessage, match=r'joint1: .* is beyond its limits') as raised:
+        robot.reference(first, beyond + 5)
+    assert raised.value.kind == 'limit'
+    desired = []
+    for k in range(first - 20, 2000):
+        robot.state(k, MOTION[min(k, beyond - 1)][0])
+        points = robot.loop.motion.desired(k * MS, LEFT, ZERO, wait=True)
+        assert points is not None
+        desired.append(points[0])
+    q, dq, _ = np.array(desired).transpose(1, 0, 2)
+    assert q[:, 0].max() < limit
+    assert not dq[-1].any()
+    assert np.abs(np.diff(q, axis=0)[:, 0]).max() < 1e-3 * 1.05 * np.pi
+    assert robot.loop.mode is Mode.HELD
+    assert 'beyond its limits' in robot.status()[1]
+    with pytest.raises(RejectedMessage):
+        robot.reference(beyond, beyond + 100)
+    rest(robot, 2000, 2100, q[-1])
+    robot.state(2000, q[-1])
+    assert robot.loop.mode is Mode.RUNNING
