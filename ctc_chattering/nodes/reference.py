@@ -230,6 +230,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         if is_held and self._schedule.running and not self._schedule.rests_at(sample.q_d):
             self._schedule.rest_at(sample.q_d)
             self._publish_chunks()
+            self.get_logger().info('the robot is held, and the reference rests at its position')
         if self._action is not None:
             self._action.judge(sample)
 
