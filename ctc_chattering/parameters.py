@@ -43,6 +43,8 @@ import numpy.typing as npt
 C = TypeVar('C', bound='Config')
 #: Annotation of a parameter with a number per joint.
 PerJoint = tuple[float, ...]
+#: Annotation of a parameter with a position in space.
+Position = tuple[float, ...]
 #: Annotation of a parameter with strings.
 Strings = tuple[str, ...]
 
@@ -55,9 +57,9 @@ _LARGEST_INTEGER = 2 ** 62
 #: Name of a class of the user's: ``package.module:Name``.
 OWN_CLASS = re.compile(r'[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*')
 #: Kind by annotation, where the annotation is not itself a kind.
-_KINDS = {'PerJoint': 'float[]', 'Strings': 'str[]'}
+_KINDS = {'PerJoint': 'float[]', 'Position': 'float[]', 'Strings': 'str[]'}
 #: Shapes that annotations imply.
-_SHAPES = {'PerJoint': 'n'}
+_SHAPES = {'PerJoint': 'n', 'Position': '3'}
 #: Kinds that have a range.
 _NUMBERS = ('float', 'float[]', 'int')
 _TYPE_NAMES = {
@@ -94,9 +96,9 @@ class Parameter:
         The only strings allowed. Empty for any.
     custom : bool
         True if a class of the user's is also allowed, itself or as ``package.module:Name``.
-    shape : {'', 'n', 'nn'}
-        Size of a list: any, one per joint, or n or n·n numbers, which are a symmetric positive
-        definite matrix row by row.
+    shape : {'', '3', 'n', 'nn'}
+        Size of a list: any, three numbers, one per joint, or n or n·n numbers, which are a
+        symmetric positive definite matrix row by row.
     read_only : bool
         True if it is fixed once the node runs.
     laws : tuple of str
@@ -145,6 +147,8 @@ class Parameter:
             text += f' >= {low:g} and <= {high:g}{", or inf" if self.infinite else ""}'
         if self.shape == 'nn':
             text += ', one for all, one per joint or n*n row by row, symmetric positive definite'
+        elif self.shape == '3':
+            text += ', three of them'
         elif self.shape == 'n':
             text += ', one for all or one per joint'
         return text
@@ -157,7 +161,7 @@ class Parameter:
 
     def default_for(self, n: int) -> Any:
         """Return the default for `n` joints."""
-        if self.kind != 'float[]':
+        if self.kind != 'float[]' or self.shape == '3':
             return self.default
         if not isinstance(self.default, tuple):
             return (float(self.default),) * n
@@ -219,7 +223,7 @@ class Parameter:
     def check(self, value: Any, n: int) -> None:
         """Raise `ParameterError` unless `n` joints may have this value."""
         items = value if isinstance(value, tuple) else (value,)
-        sizes = {'n': [n], 'nn': [n, n * n]}.get(self.shape)
+        sizes = {'3': [3], 'n': [n], 'nn': [n, n * n]}.get(self.shape)
         if sizes is not None and len(items) not in sizes:
             raise ParameterError(
                 self.name, value, f'{self.allowed} (n = {n}, got {len(items)} values)')

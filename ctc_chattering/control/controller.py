@@ -40,6 +40,7 @@ from ctc_chattering.control.irregular_sample import (
 )
 from ctc_chattering.control.laws.base import Law, Stability
 from ctc_chattering.control.laws.registry import law_class
+from ctc_chattering.control.payload_ramp import PayloadRamp
 from ctc_chattering.control.sample import ControlMemory, LastSample, Memories, TRANSIT_ROWS
 from ctc_chattering.control.settings import ControlSettings
 from ctc_chattering.control.step import PlainStep
@@ -202,14 +203,30 @@ class Controller:
             raise CtcError(
                 f'joint_names: {list(config.joint_names)} are not allowed with a model '
                 f'of {unscaled.n} joints')
-        scales = config.inertia_scale, config.gravity_scale
-        self.model = unscaled if scales == (1.0, 1.0) else Scaled(unscaled, *scales)
-        self.continuous = config.which_are_continuous(unscaled.continuous)
-        self._arm = arm_of(unscaled, *scales) if config.compiled else None
-        self.transit = np.zeros((TRANSIT_ROWS * config.input_delay, unscaled.n))
         self._period = period_ns(config.control_period)
+        self._payload = PayloadRamp(unscaled, config, self._period)
+        self._use_model(config)
+        self.continuous = config.which_are_continuous(unscaled.continuous)
+        self.transit = np.zeros((TRANSIT_ROWS * config.input_delay, unscaled.n))
         self._use(config)
         self.reset()
+
+    def _use_model(self, config: ControllerConfig) -> None:
+        """Take the model with the present payload."""
+        loaded = self._payload.model
+        scales = config.inertia_scale, config.gravity_scale
+        self.model = loaded if scales == (1.0, 1.0) else Scaled(loaded, *scales)
+        self._arm = arm_of(loaded, *scales) if config.compiled else None
+
+    def advance_payload(self) -> None:
+        """Have a payload that was set enter the model by a sample."""
+        if self._payload.changing and self._payload.advance():
+            self._use_model(self.config)
+            stepper = self._stepper
+            if isinstance(stepper, CompiledStep) and self._arm is not None:
+                stepper.arm.fill(self._arm)
+            elif isinstance(stepper, PlainStep):
+                stepper.use_model(self.model)
 
     def _make_law(self, config: ControllerConfig) -> Law:
         law: Law = law_class(config.law).from_config(config, seconds(self._period))
@@ -233,6 +250,7 @@ class Controller:
         law keeps integrals and estimates. Another one takes over (`control.handover`).
         """
         memories = self.memories
+        self._payload.request(config)
         old = self._replaced or ReplacedLaw(self.config.law, self.law, memories.law)
         self._use(config)
         law_memory, self._replaced = self.law.initial(), None
@@ -368,6 +386,7 @@ class Controller:
 
         """
         rows = self._rows(q, dq, q_d, dq_d, ddq_d, ahead)
+        self.advance_payload()
         if self._phase is not Phase.RUNNING:
             self._begin(rows)
         predicted, period = len(self._predicted), self._period

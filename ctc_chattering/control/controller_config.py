@@ -31,7 +31,7 @@ from ctc_chattering.dynamics.drive_response import discretize_drives, DriveModel
 from ctc_chattering.dynamics.registry import RobotConfig
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.linear_algebra import Vector
-from ctc_chattering.parameters import LEAST, Parameter, parameter, PerJoint
+from ctc_chattering.parameters import LEAST, Parameter, parameter, PerJoint, Position
 import numpy as np
 
 #: Lag of drives of which it is not known [s]: too much costs little, too little much.
@@ -104,6 +104,12 @@ class ControllerConfig(RobotConfig):
     input_delay: int = parameter(
         0, 'Known delay of the torque, in samples; the law predicts the state.', maximum=100,
         read_only=True)
+    payload_mass: float = parameter(
+        0.0, 'Mass of the payload and tool at the tip, which the description lacks. A change '
+        'enters the model within a second.', 'kg', maximum=1e3)
+    payload_center: Position = parameter(
+        (0.0, 0.0, 0.0), 'Centre of mass of the payload in the frame of the last link.', 'm',
+        minimum=-inf)
     inertia_scale: float = parameter(
         1.0, 'Factor on M and C, to study model errors.', minimum=LEAST, read_only=True)
     gravity_scale: float = parameter(1.0, 'Factor on G, to study model errors.', read_only=True)
@@ -118,6 +124,13 @@ class ControllerConfig(RobotConfig):
     error_limit: PerJoint = parameter(
         inf, 'Position error beyond which no torque is sent until ~/reset; .inf for never, but '
         'under observer_feedback where it has grown by 1 rad.', 'rad', minimum=LEAST)
+
+    def validate(self) -> None:
+        """Check what `RobotConfig` checks, and that the model can carry a payload."""
+        super().validate()
+        if self.payload_mass and not self.described:
+            raise ParameterError(
+                'payload_mass', self.payload_mass, '0 without a description of the robot')
 
     @classmethod
     @cache

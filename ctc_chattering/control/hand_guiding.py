@@ -70,7 +70,6 @@ class HandGuiding:
 
     def __init__(self, config: ControllerConfig, model: Model, period: int,
                  rates: GuidingRates | None = None) -> None:
-        self._model = model
         self._rates = rates or GuidingRates()
         self._friction = self._rates.friction_share * np.array(config.friction_level)
         self._friction_velocity = config.friction_velocity
@@ -79,12 +78,14 @@ class HandGuiding:
         self._effort = np.array(config.largest_torque(model.effort_limits))
         self._step = seconds(period) * np.array(config.effort_rate_limit)
 
-    def torque(self, q: Vector, dq: Vector, held: Vector) -> list[float]:
+    def torque(self, model: Model, q: Vector, dq: Vector, held: Vector) -> list[float]:
         """
         Return the torque to send, shape (n,) [N·m].
 
         Parameters
         ----------
+        model : Model
+            The present one, whose payload may have changed.
         q, dq : sequence of float, shape (n,)
             Position [rad] and velocity [rad/s].
         held : sequence of float, shape (n,)
@@ -93,13 +94,13 @@ class HandGuiding:
         """
         rates = self._rates
         position, velocity = np.array(q), np.array(dq)
-        inertia = np.diag(np.array(self._model.mass_matrix(q)))
+        inertia = np.diag(np.array(model.mass_matrix(q)))
         depth = self._wall_depth(position)
         excess = np.maximum(np.abs(velocity) - rates.speed, 0.0)
         braking = rates.damping * velocity + rates.wall * excess * np.sign(velocity)
         braking += rates.wall ** 2 * depth + 2.0 * rates.wall * (depth != 0.0) * velocity
         friction = self._friction * np.tanh(velocity / self._friction_velocity)
-        tau = np.array(self._model.gravity_torque(q)) + friction - inertia * braking
+        tau = np.array(model.gravity_torque(q)) + friction - inertia * braking
         tau = np.clip(tau, -self._effort, self._effort)
         before = np.array(held)
         values: list[float] = np.clip(tau, before - self._step, before + self._step).tolist()

@@ -162,6 +162,11 @@ class PlainStep:
         """Return the memory of the law after the last sample."""
         return self.memories.law
 
+    def use_model(self, model: Model) -> None:
+        """Take another model, as of the next sample."""
+        settings, _, transit = self._fixed
+        self._fixed = settings, Models(model, model, model), transit
+
     def step(self, rows: Array, irregularity: SampleIrregularity) -> list[list[float]]:
         """
         Return the `ControlOutput` of a sample, shape (8, n).

@@ -332,7 +332,7 @@ class ControlLoop:
         instant = law.instant(state.t)
         is_allowed = self.mode.allows_torque
         if self._guiding is not None and is_allowed and matched:
-            return self._answer_hand(self._guiding, state)
+            return self._answer_hand(self._guiding, law, state)
         points = None
         if is_allowed and matched:
             if not self._positions.anchored or self.motion.resumes(instant):
@@ -367,10 +367,11 @@ class ControlLoop:
         self.health.add(sample)
         return Answer(state, points[0], sample)
 
-    def _answer_hand(self, guiding: HandGuiding, state: JointSample) -> Answer:
+    def _answer_hand(self, guiding: HandGuiding, law: Controller, state: JointSample) -> Answer:
         """Answer a state of a robot that is guided by hand."""
         zero = (0.0,) * len(self._names)
-        tau = guiding.torque(state.q, state.dq, self._held or zero)
+        law.advance_payload()
+        tau = guiding.torque(law.model, state.q, state.dq, self._held or zero)
         self._send(tau)
         self._held, self._pending, self._has_sent = tau, None, True
         self.lost_states.may_follow = False

@@ -26,6 +26,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
+from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
 import numpy as np
 
@@ -36,6 +37,15 @@ class DynamicsTerms(NamedTuple):
     M: Array
     C: Array
     G: Array
+
+
+class PointMass(NamedTuple):
+    """A point mass at the tip of an arm."""
+
+    #: [kg].
+    mass: float
+    #: Position in the frame of the last link, shape (3,) [m].
+    center: Vector
 
 
 class Model(ABC):
@@ -70,6 +80,18 @@ class Model(ABC):
     @abstractmethod
     def potential_energy(self, q: Vector) -> float:
         """Return the potential whose gradient is G(q) [J]."""
+
+    def with_payload(self, masses: Sequence[PointMass]) -> Model:
+        """
+        Return the model of this arm with point masses at its tip.
+
+        Raises
+        ------
+        CtcError
+            If the model cannot carry any.
+
+        """
+        raise CtcError(f'only the model of a description carries payloads, not {masses}')
 
     def evaluate(self, q: Array, dq: Array) -> DynamicsTerms:
         """Return M(q), C(q, dq) and G(q) as arrays."""

@@ -23,11 +23,14 @@ joints are read. Meshes are not looked for.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+import copy
 from functools import cached_property
 import importlib
 from typing import Any
 
-from ctc_chattering.dynamics.model import DynamicsTerms, LinearModel, Model
+from ctc_chattering.dynamics.kinematics import ForwardKinematics
+from ctc_chattering.dynamics.model import DynamicsTerms, LinearModel, Model, PointMass
+from ctc_chattering.dynamics.payload import tip_of
 from ctc_chattering.dynamics.tree import Arm
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import as_ctc_error, CtcError
@@ -118,6 +121,8 @@ class UrdfModel(Model, LinearModel):
         )
         self.n = len(joints)
         self.gravity = gravity
+        self._tree = tree
+        self._locked = dict(locked or {})
         self._model = _reduced_model(self._pin, tree, locked_positions)
         self._data = self._model.createData()
         #: Indices that bring a vector of Pinocchio into our order.
@@ -178,6 +183,27 @@ class UrdfModel(Model, LinearModel):
             inertia=np.triu(inertia) + np.triu(inertia, 1).swapaxes(1, 2),
             rotor=np.array(model.armature),
         )
+
+    @cached_property
+    def _tip_pose(self) -> Array:
+        """Pose of the last link on the body of the last joint, shape (4, 4)."""
+        tip = tip_of(self._tree, self.joint_names)
+        kinematics = ForwardKinematics(self._tree, self.joint_names, self._locked)
+        return kinematics.rigid_bodies()[-1][tip]
+
+    def with_payload(self, masses: Sequence[PointMass]) -> UrdfModel:
+        """Return the model of this arm with point masses at its tip."""
+        pose = self._tip_pose
+        loaded = copy.copy(self)
+        loaded.__dict__.pop('bodies', None)
+        loaded._model = self._pin.Model(self._model)
+        loaded._data = loaded._model.createData()
+        joint = loaded._model.getJointId(self.joint_names[-1])
+        for payload in masses:
+            lever = pose[:3, :3] @ np.array(payload.center) + pose[:3, 3]
+            inertia = self._pin.Inertia(payload.mass, lever, np.zeros((3, 3)))
+            loaded._model.inertias[joint] = loaded._model.inertias[joint] + inertia
+        return loaded
 
     @property
     def _inertias(self) -> list[Any]:

@@ -38,9 +38,9 @@ from ctc_chattering.ros.topics import REFERENCE
 from ctc_chattering.trajectory.goal import (
     Goal,
     GoalCode,
+    GoalEnd,
     GoalTolerances,
     JointTolerance,
-    Verdict,
 )
 from ctc_chattering.trajectory.motion_plan import Followed
 from ctc_chattering.trajectory.schedule import MotionSchedule
@@ -134,8 +134,8 @@ class TrajectoryAction:
             followed = self._follow(route, nanoseconds(trajectory.header.stamp))
         except CtcError as error:
             handle.abort()
-            return _result(Verdict(_error_code(error), str(error)))
-        self._end(Verdict(GoalCode.INVALID_GOAL, 'A new goal replaced this one.'))
+            return _result(GoalEnd(_error_code(error), str(error)))
+        self._end(GoalEnd(GoalCode.INVALID_GOAL, 'A new goal replaced this one.'))
         self._listen()
         schedule = self._schedule
         now = schedule.now or 0
@@ -153,9 +153,9 @@ class TrajectoryAction:
         if active.handle.is_cancel_requested:
             if not replaced:
                 self._stop()
-            self._end(Verdict(GoalCode.SUCCESSFUL, 'The goal was cancelled, the motion stops.'))
+            self._end(GoalEnd(GoalCode.SUCCESSFUL, 'The goal was cancelled, the motion stops.'))
         elif replaced:
-            self._end(Verdict(GoalCode.INVALID_GOAL, 'Another motion replaced this goal.'))
+            self._end(GoalEnd(GoalCode.INVALID_GOAL, 'Another motion replaced this goal.'))
         elif self._node.count_publishers(REFERENCE) > 1:
             self._abort(f'{REFERENCE} has several publishers, so that the controller obeys none.')
         elif seconds((schedule.now or 0) - active.heard) > _MAX_SILENCE_S:
@@ -166,12 +166,12 @@ class TrajectoryAction:
         """Stop the motion, and end its goal for a reason of the graph."""
         if self._active is not None:
             self._stop()
-            self._end(Verdict(GoalCode.INVALID_GOAL, text))
+            self._end(GoalEnd(GoalCode.INVALID_GOAL, text))
 
     def _stop(self) -> None:
         self._follow(Route((), [], []), 0)
 
-    def _end(self, verdict: Verdict) -> None:
+    def _end(self, verdict: GoalEnd) -> None:
         """End the active goal, if there is one."""
         active, self._active = self._active, None
         if active is None:
@@ -262,7 +262,7 @@ def _error_code(error: CtcError) -> GoalCode:
     return GoalCode.INVALID_GOAL
 
 
-def _result(verdict: Verdict) -> Any:
+def _result(verdict: GoalEnd) -> Any:
     """Return the message of a verdict."""
     return FollowJointTrajectory.Result(
         error_code=int(verdict.code), error_string=verdict.text)

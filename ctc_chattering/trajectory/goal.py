@@ -46,7 +46,7 @@ class GoalCode(IntEnum):
     GOAL_TOLERANCE_VIOLATED = -5
 
 
-class Verdict(NamedTuple):
+class GoalEnd(NamedTuple):
     """End of a goal."""
 
     code: GoalCode
@@ -134,7 +134,7 @@ class Goal:
     end: int
     tolerances: GoalTolerances
 
-    def judge(self, s: int, e: Sequence[float], de: Sequence[float]) -> Verdict | None:
+    def judge(self, s: int, e: Sequence[float], de: Sequence[float]) -> GoalEnd | None:
         """
         Return how the goal ends with a sample, or None while it goes on.
 
@@ -149,15 +149,15 @@ class Goal:
         if s < self.end:
             text = self._violations(self.tolerances.path, e, de)
             if text:
-                return Verdict(GoalCode.PATH_TOLERANCE_VIOLATED,
+                return GoalEnd(GoalCode.PATH_TOLERANCE_VIOLATED,
                                f'The motion left its path: {text}.')
             return None
         text = self._violations(self.tolerances.goal, e, de)
         if not text:
-            return Verdict(GoalCode.SUCCESSFUL, 'The joints have reached the goal.')
+            return GoalEnd(GoalCode.SUCCESSFUL, 'The joints have reached the goal.')
         late = (s - self.end) / NANOSECONDS
         if late > self.tolerances.goal_time:
-            return Verdict(GoalCode.GOAL_TOLERANCE_VIOLATED,
+            return GoalEnd(GoalCode.GOAL_TOLERANCE_VIOLATED,
                            f'The joints missed the goal {late:.3g} s after its end: {text}.')
         return None
 

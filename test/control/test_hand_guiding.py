@@ -38,7 +38,7 @@ def guided(lasts: float, q: Sequence[float], dq: Sequence[float] = ZERO,
     guiding = HandGuiding(ControllerConfig().changed(config), known, MS)
     state, tau, rows = np.array([q, dq], float), list(arm.gravity_torque(q)), []
     for k in range(round(lasts * 1000)):
-        tau = guiding.torque(state[0].tolist(), state[1].tolist(), tau)
+        tau = guiding.torque(known, state[0].tolist(), state[1].tolist(), tau)
         rows.append([np.full(2, 1e-3 * k), *state, tau])
         for _ in range(5):  # Friction that holds below its level, by a steep viscous part.
             resisting = friction * np.clip(state[1] / 1e-4, -1.0, 1.0)
