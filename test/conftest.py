@@ -100,6 +100,9 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     if chromium() is None:
         terminalreporter.write_line(
             'No Chromium: tests of the page were left out. apt-get install chromium')
+    if find_spec('control_msgs') is None:
+        terminalreporter.write_line(
+            'No control_msgs: tests of the action were left out. tools/build_control_msgs')
 
 
 #: Tests of the folder `control` that say themselves what they compile. The others compare to the
