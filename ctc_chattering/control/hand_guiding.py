@@ -102,8 +102,8 @@ class HandGuiding:
         friction = self._friction * np.tanh(velocity / self._friction_velocity)
         tau = np.array(model.gravity_torque(q)) + friction - inertia * braking
         tau = np.clip(tau, -self._effort, self._effort)
-        before = np.array(held)
-        values: list[float] = np.clip(tau, before - self._step, before + self._step).tolist()
+        last = np.array(held)
+        values: list[float] = np.clip(tau, last - self._step, last + self._step).tolist()
         return values
 
     def _wall_depth(self, q: Array) -> Array:

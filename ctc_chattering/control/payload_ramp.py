@@ -69,7 +69,7 @@ class PayloadRamp:
 
     @property
     def changing(self) -> bool:
-        """Whether a payload is entering."""
+        """Tell whether a payload is entering."""
         return self._share < 1.0
 
     def request(self, config: ControllerConfig) -> None:
@@ -82,9 +82,9 @@ class PayloadRamp:
 
     def advance(self) -> bool:
         """Go on by a sample, and return whether the model has changed."""
-        before = self._share
+        last_share = self._share
         self._sample += 1
-        if self._share == before:
+        if self._share == last_share:
             return False
         self.model = self._loaded()
         return True

@@ -116,7 +116,8 @@ class DesiredMotion(Trajectory):
         """
         # Half of the duration of a stop is time along the path.
         duration = min(2.0 * BRAKING_TIME, _STOP_SHARE * 2.0 * seconds(max(t - begin, 1)))
-        stop = Stop(cast('TimedMotion', self), begin, duration)
+        path = self.way_back or cast('TimedMotion', self)
+        stop = Stop(path, begin, duration)
         times = [*range(begin, stop.end, max(self._period, _STOP_STEP_NS)), stop.end]
         self.hold(Waypoints(times, [stop.at(instant) for instant in times]))
 
@@ -124,7 +125,8 @@ class DesiredMotion(Trajectory):
         """Return the points of the rest, or None once a reference rests there."""
         if self._rest is None or self.resumes(t):
             self._rest = braking(t, (q, dq, (0.0,) * len(q)), BRAKING_TIME)
-        held, reference = self._rest.at(t), self.at(t)
+        held = self._rest.at(t)
+        reference = self.at(t)
         if t >= self._rest.end and reference is not None and _rests_at(reference, held):
             self.holding = False
             self._rest = None
@@ -189,6 +191,6 @@ class DesiredMotion(Trajectory):
 def _rests_at(point: Point, held: Point) -> bool:
     """Return whether a point of the reference rests where the robot is held."""
     q, dq, _ = point
-    rest, _, _ = held
-    is_near = all(abs(x - y) <= _TAKEOVER_DISTANCE for x, y in zip(q, rest))
+    held_q, _, _ = held
+    is_near = all(abs(x - y) <= _TAKEOVER_DISTANCE for x, y in zip(q, held_q))
     return is_near and not any(dq)

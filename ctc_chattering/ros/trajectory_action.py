@@ -231,18 +231,16 @@ def read_tolerances(request: Any, config: ReferenceNodeConfig) -> GoalTolerances
         If a tolerance is of an unknown joint or not allowed.
 
     """
-    n = len(config.joint_names)
     path = dict(zip(config.joint_names, map(_default_tolerance, config.path_tolerance)))
     speed = config.stopped_velocity_tolerance or inf
     goal = {name: _default_tolerance(x, speed)
             for name, x in zip(config.joint_names, config.goal_tolerance)}
     for tolerances, field in (path, 'path_tolerance'), (goal, 'goal_tolerance'):
-        for asked in getattr(request, field):
-            if asked.name not in tolerances:
-                check_names([asked.name], config.joint_names)
-            tolerances[asked.name] = tolerances[asked.name].replaced(
-                asked.position, asked.velocity)
-    assert len(path) == len(goal) == n
+        for tolerance in getattr(request, field):
+            if tolerance.name not in tolerances:
+                check_names([tolerance.name], config.joint_names)
+            tolerances[tolerance.name] = tolerances[tolerance.name].replaced(
+                tolerance.position, tolerance.velocity)
     time = seconds(nanoseconds(request.goal_time_tolerance))
     goal_time = time if time > 0.0 else config.goal_time or inf
     return GoalTolerances(tuple(path.values()), tuple(goal.values()), goal_time)

@@ -288,12 +288,12 @@ class MotionPlan:
         limits = limit_speed(
             self.limits or list(map(JointLimits, self.config.joint_names)), _HOME_SPEED)
         home = Waypoints(goal.times, goal.points)
-        way = fit_duration(
+        path = fit_duration(
             lambda duration: smooth_start(home, begin, state, duration),
             _CHANGE_TIME_S,
             limits)
-        check_limits('the way home', limits, sample_passage(way))
-        return way
+        check_limits('the way home', limits, sample_passage(path))
+        return path
 
     def take(self, motion: TimedMotion) -> None:
         """Follow another motion from now on."""

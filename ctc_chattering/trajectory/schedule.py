@@ -222,7 +222,7 @@ class MotionSchedule:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the motion rests from now on."""
+        """Tell whether the motion rests from now on."""
         return self.now is not None and self._plan.is_at_rest(self.path_time)
 
     def rests_at(self, q: Vector) -> bool:
@@ -254,10 +254,10 @@ class MotionSchedule:
     def go_home(self) -> Followed:
         """Follow the way home after what has been published."""
         assert self.now is not None
-        way = self.plan_home()
-        self._plan.take(way)
+        path = self.plan_home()
+        self._plan.take(path)
         self._next = self._after_published(self.now) // self._period
-        return Followed(1, 0, way.end)
+        return Followed(1, 0, path.end)
 
     def update(self) -> int | None:
         """

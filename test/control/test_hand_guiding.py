@@ -16,26 +16,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.hand_guiding import HandGuiding
 from ctc_chattering.dynamics.two_link import TwoLink
+from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import pytest
 
 MS = 1_000_000
 ZERO = (0.0, 0.0)
+FRICTION = {'friction_level': [9.0, 9.0]}
 
 
 def guided(lasts: float, q: Sequence[float], dq: Sequence[float] = ZERO,
            push: Sequence[float] = ZERO, friction: float = 0.0, gravity_error: float = 1.0,
-           limits: Sequence[tuple[float, float]] = (), **config: object) -> np.ndarray:
+           limits: Sequence[tuple[float, float]] = (),
+           config: Mapping[str, object] | None = None) -> Array:
     """Return times, positions, velocities and torques of an arm with Coulomb friction."""
     arm = TwoLink(9.81)
     known = TwoLink(9.81 * gravity_error)
     known.position_limits = limits
-    guiding = HandGuiding(ControllerConfig().changed(config), known, MS)
+    guiding = HandGuiding(ControllerConfig().changed(config or {}), known, MS)
     state, tau, rows = np.array([q, dq], float), list(arm.gravity_torque(q)), []
     for k in range(round(lasts * 1000)):
         tau = guiding.torque(known, state[0].tolist(), state[1].tolist(), tau)
@@ -47,7 +50,8 @@ def guided(lasts: float, q: Sequence[float], dq: Sequence[float] = ZERO,
             slope = np.diag((np.abs(state[1]) < 1e-4) * friction / 1e-4)
             state[1] += h * np.linalg.solve(M + h * slope, tau + np.array(push) - bias - resisting)
             state[0] += h * state[1]
-    return np.array(rows).transpose(1, 0, 2)
+    result: Array = np.array(rows).transpose(1, 0, 2)
+    return result
 
 
 def test_an_arm_without_friction_floats_where_it_is_left() -> None:
@@ -57,18 +61,17 @@ def test_an_arm_without_friction_floats_where_it_is_left() -> None:
 
 
 def test_a_push_moves_the_arm_and_it_comes_to_rest_by_itself() -> None:
-    _, pushed, _, _ = guided(1.0, (0.4, 0.9), push=(30.0, 0.0), friction=9.0,
-                             friction_level=[9.0, 9.0])
+    _, pushed, _, _ = guided(
+        1.0, (0.4, 0.9), push=(30.0, 0.0), friction=9.0, config=FRICTION)
     assert pushed[-1, 0] > 0.5
-    _, _, dq, _ = guided(3.0, (0.4, 0.9), (0.8, 0.5), friction=9.0, friction_level=[9.0, 9.0])
+    _, _, dq, _ = guided(3.0, (0.4, 0.9), (0.8, 0.5), friction=9.0, config=FRICTION)
     assert np.abs(dq[-1]).max() < 1e-3
     assert np.abs(dq[:, 0]).max() <= 0.81
 
 
 def test_friction_that_is_left_holds_an_arm_of_wrong_weight() -> None:
     """With all of the friction compensated it would sink."""
-    weight = {'friction': 9.0, 'gravity_error': 0.995}
-    _, q, _, _ = guided(2.0, (0.4, 0.9), friction_level=[9.0, 9.0], **weight)
+    _, q, _, _ = guided(2.0, (0.4, 0.9), friction=9.0, gravity_error=0.995, config=FRICTION)
     assert np.abs(q[-1] - (0.4, 0.9)).max() < 1e-3
     wrong = TwoLink(9.81).gravity_torque((0.4, 0.9))
     assert 0.1 < abs(0.005 * wrong[0]) < 0.3 * 9.0
@@ -92,7 +95,7 @@ def test_a_fast_arm_is_damped_more_strongly() -> None:
 @pytest.mark.parametrize('name', ['effort_limit', 'effort_rate_limit'])
 def test_the_torque_keeps_the_limits_of_the_drives(name: str) -> None:
     limit = [100.0, 20.0]
-    _, _, _, tau = guided(0.5, (0.4, 0.9), (3.0, 0.0), **{name: limit})
+    _, _, _, tau = guided(0.5, (0.4, 0.9), (3.0, 0.0), config={name: limit})
     if name == 'effort_limit':
         assert (np.abs(tau).max(axis=0) <= limit).all()
         assert np.abs(tau[:, 0]).max() == 100.0

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from ctc_chattering.numerics.time_grid import NANOSECONDS as S
+from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import JointLimits
 from ctc_chattering.trajectory.motion_plan import MotionPlan
 from ctc_chattering.trajectory.path_clock import PathClock, ScaledMotion
@@ -70,7 +71,8 @@ def scaled_points(changes: dict[int, float], end: int, config: ReferenceConfig =
     plan = MotionPlan(config, None)
     plan.limits = limits
     plan.prepare()
-    schedule, points = MotionSchedule(plan, 10 * MS, 400 * MS), {}
+    schedule = MotionSchedule(plan, 10 * MS, 400 * MS)
+    points: dict[int, Point] = {}
     for now in range(0, end, 50 * MS):
         schedule.follow_clock(now)
         if now in changes:
