@@ -23,11 +23,11 @@ from __future__ import annotations
 from functools import lru_cache
 from importlib.resources import files
 import json
-import math
 import os
 from typing import Any
 from urllib.parse import quote
 
+from ctc_chattering.number_format import format_decimal
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from markupsafe import escape, Markup
 
@@ -109,11 +109,8 @@ def in_html(value: float | None) -> Markup:
     """Return a number to three digits, with the exact value in the attribute."""
     if value is None:
         return Markup('<span class="none" title="none">–</span>')
-    if 1e-5 <= abs(value) < 1e7:
-        text = f'{value:.{max(0, 2 - math.floor(math.log10(abs(value))))}f}'
-    else:
-        text = f'{value:.2e}' if value else '0'
-    return Markup('<data value="{!r}">{}</data>').format(value, text.replace('-', '−'))
+    text = format_decimal(value).replace('-', '−')
+    return Markup('<data value="{!r}">{}</data>').format(value, text)
 
 
 _ENVIRONMENT.filters.update(number=in_html, url=url, json=json.dumps, breakable=_breakable)

@@ -38,7 +38,6 @@ from ctc_chattering.analysis.metrics import (
     within,
 )
 from ctc_chattering.analysis.signals import PARTS, Series, SignalOrigin
-from ctc_chattering.analysis.tables import measured, number_text
 from ctc_chattering.analysis.terms import RunTerms, terms
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import ControllerConfig
@@ -48,6 +47,7 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, ParameterError, shorten
+from ctc_chattering.number_format import format_joint_values, format_numbers
 from ctc_chattering.numerics.time_grid import missing
 from ctc_chattering.output_files import replacing, write_json
 from ctc_chattering.simulation import closed_loop
@@ -112,7 +112,7 @@ class Replay(NamedTuple):
         """Say why the law is not recomputed; empty where it is."""
         if self.verdict is ReplayVerdict.OTHER_TORQUES:
             return ('recomputed over the recorded states, the law has other torques than were '
-                    f'sent, by {measured(list(self.difference))} N·m RMS')
+                    f'sent, by {format_numbers(list(self.difference))} N·m RMS')
         return {ReplayVerdict.EXACT: '',
                 ReplayVerdict.NOT_ONE_TO_ONE: 'not every state has one command that answers it',
                 ReplayVerdict.TOO_LONG: 'the run is too long to recompute the law'}[self.verdict]
@@ -190,8 +190,9 @@ class Result(RunAttributes):
     def __repr__(self) -> str:
         """Return the run in a line, with its RMS errors in the window."""
         error = metrics(self.run, self.window)['rms_error_rad']
-        return (f'<{self.label}: {len(self.run.t)} samples, RMS error {measured(error)} from '
-                f'{self.window[0]:g} to {self.window[1]:g} s>')
+        begin, end = self.window
+        return (f'<{self.label}: {len(self.run.t)} samples, RMS error {format_numbers(error)} '
+                f'from {begin:g} to {end:g} s>')
 
     @cached_property
     def terms(self) -> RunTerms:
@@ -556,7 +557,7 @@ def gains(result: Result) -> str:
 
 
 def _gains(result: Result) -> dict[str, str]:
-    return {key: number_text(value) for key, value in (
+    return {key: format_joint_values(value) for key, value in (
         *result.gains.items(), ('control_period', result.config.control_period))}
 
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Numbers as text, and tables: on a terminal, in Markdown, and what the pages make of them."""
+"""Tables: on a terminal, in Markdown, and what the pages make of them."""
 
 from __future__ import annotations
 
@@ -20,63 +20,11 @@ from collections.abc import Iterable, Mapping, Sequence
 import csv
 from html import unescape
 import io
-import math
 import re
 from textwrap import wrap
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ctc_chattering.analysis.markup import fragment, Markup
-
-
-def rounded(value: float, digits: int = 3) -> float:
-    """Return a number to some digits."""
-    return float(f'{value:.{digits}g}')
-
-
-def shown(value: Any) -> str:
-    """Return the value of a parameter in a sentence: numbers to four digits, several in []."""
-    if isinstance(value, list):
-        return f'[{", ".join("-" if x is None else f"{x:.4g}" for x in value)}]'
-    return f'{value:.4g}' if isinstance(value, float) else str(value)
-
-
-def measured(value: Any) -> str:
-    """Return a measured number, or one for each joint, to three digits; ``-`` for None."""
-    if value is None:
-        return '-'
-    items = value if isinstance(value, list) else [value]
-    return ' '.join(f'{x:.3g}' if abs(x) < 100.0 else f'{x:.0f}' for x in items)
-
-
-def counted(n: int, noun: str) -> str:
-    """Return a number of things; the plural of the noun ends in s."""
-    return f'{n:,}'.replace(',', '\N{NARROW NO-BREAK SPACE}') + f' {noun}{"s"[:n != 1]}'
-
-
-def number_text(value: float | Sequence[float], most: float = math.inf) -> str:
-    """Return a number, or several, once if they are the same, as a range beyond `most`."""
-    if not isinstance(value, (list, tuple)):
-        return f'{value:g}'
-    if len(set(value)) > most:
-        return f'{min(value):g} to {max(value):g}'
-    return f'{value[0]:g}' if len(set(value)) == 1 else '/'.join(f'{x:g}' for x in value)
-
-
-def with_interval(value: float, half: float, unit: str = '') -> str:
-    """Return a number to the digits that half its interval leaves, 3 to 6; 4 without one."""
-    digits = 4
-    if half and value:
-        digits = min(max(len(f'{abs(value) / half:.0f}') + 1, 3), 6)
-    # Not as a power of ten, such as 1e+01.
-    interval = f' ± {float(f"{half:.1g}"):.6g}' if half else ''
-    return f'{value:.{digits}g}{interval} {unit}'.strip()
-
-
-def in_field(value: Any) -> str:
-    """Return the value of a parameter, of any type, as a field has it."""
-    values = [value] if isinstance(value, str | bytes | int | float) else list(value)
-    return ', '.join(f'{x:.12g}' if isinstance(x, float) else str(x) for x in values)
-
 
 #: Columns of a terminal that `fitted` and `paragraph` fill, and those of a name in a table.
 WIDTH, _NAME = 100, 40
