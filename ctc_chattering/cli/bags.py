@@ -26,7 +26,7 @@ from ctc_chattering.cli.options import add_bag, add_number, add_output, add_own,
 from ctc_chattering.errors import as_ctc_error, CtcError, ParameterError, UsageError
 from ctc_chattering.input_files import check_regular
 from ctc_chattering.number_format import format_count
-from ctc_chattering.output_files import check_folder, new_folder
+from ctc_chattering.output_folder import check_folder, new_folder
 from ctc_chattering.parameters import LEAST
 
 
@@ -93,7 +93,7 @@ def run_export(options: argparse.Namespace) -> int:
     Write trajectory.npz, which also has the gains, or trajectory.csv, with names and units of the
     joints. Torques that have times of their own are in trajectory_commands.csv.
     """
-    from ctc_chattering.analysis.result import commands_path, export
+    from ctc_chattering.analysis.export import commands_path, export
     from ctc_chattering.bags.reader import read_bag
 
     with new_folder(options.out, 'ctc export', options.overwrite) as folder:

@@ -42,7 +42,8 @@ from ctc_chattering.configuration.arm_knowledge import (
 from ctc_chattering.configuration.node_parameters import parameter_table
 from ctc_chattering.errors import as_usage_error, CtcError, UsageError
 from ctc_chattering.number_format import format_numbers
-from ctc_chattering.output_files import check_file, check_folder, write_text
+from ctc_chattering.output_files import check_file, write_text
+from ctc_chattering.output_folder import check_folder
 from ctc_chattering.parameters import Parameter
 
 if TYPE_CHECKING:

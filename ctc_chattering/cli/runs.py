@@ -36,7 +36,8 @@ from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.laws.registry import LAWS
 from ctc_chattering.errors import as_usage_error, CtcError, UsageError
 from ctc_chattering.number_format import format_joint_values
-from ctc_chattering.output_files import check_file, check_folder, claim
+from ctc_chattering.output_files import check_file
+from ctc_chattering.output_folder import check_folder, claim
 from ctc_chattering.parameters import LEAST
 
 if TYPE_CHECKING:

@@ -27,7 +27,8 @@ from ctc_chattering.configuration.compilation import compile_setups, required_co
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.errors import CtcError
 from ctc_chattering.number_format import format_count
-from ctc_chattering.output_files import check_format, OutputFolder
+from ctc_chattering.output_files import check_format
+from ctc_chattering.output_folder import OutputFolder
 from ctc_chattering.parameters import checked_integer
 from ctc_chattering.runs import cluster, pool, store
 from ctc_chattering.runs.points import Points, Runs

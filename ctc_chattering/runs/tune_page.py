@@ -27,7 +27,8 @@ from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.tables import columns, Table
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.number_format import format_joint_values, round_number
-from ctc_chattering.output_files import check_format, new_folder, replacing, write_json
+from ctc_chattering.output_files import check_format, replacing, write_json
+from ctc_chattering.output_folder import new_folder
 from ctc_chattering.runs.figures import Mark, panels, trade_off
 from ctc_chattering.runs.spec import rows_of
 from ctc_chattering.runs.store import write_table

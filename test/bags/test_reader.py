@@ -21,8 +21,9 @@ import dataclasses
 from pathlib import Path
 
 from bags import entries, Entry, nanoseconds, parameters, write_bag
-from ctc_chattering.analysis.result import Replay, ReplayVerdict, Result, simulate
+from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.analysis.signals import SignalOrigin
+from ctc_chattering.analysis.terms import Replay, ReplayVerdict
 from ctc_chattering.bags.reader import _follow_controller, read_bag
 from ctc_chattering.bags.repair import repair
 from ctc_chattering.bags.signals import Signal

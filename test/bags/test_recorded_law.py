@@ -25,8 +25,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from bags import entries, Entry, nanoseconds, write_bag
-from ctc_chattering.analysis.result import Replay, ReplayVerdict, simulate
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.analysis.signals import SignalOrigin
+from ctc_chattering.analysis.terms import Replay, ReplayVerdict
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
 from ctc_commands import ctc

@@ -32,7 +32,8 @@ import pytest
 
 ROOT = Path(ctc_chattering.__file__).parent
 #: Each imports only what stands before it.
-ORDER = ('errors', 'number_format', 'input_files', 'output_files', 'parameters', 'compiled',
+ORDER = ('errors', 'number_format', 'input_files', 'output_files', 'output_folder',
+         'parameters', 'compiled',
          'numerics', 'dynamics', 'trajectory', 'control', 'margins', 'controller', 'simulation',
          'configuration', 'analysis', 'c_export', 'ros', 'bags', 'nodes', 'launch', 'runs',
          'identification', 'live', 'cli')
