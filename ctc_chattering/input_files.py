@@ -75,7 +75,7 @@ def read_text(path: Path) -> str:
 
 def check_regular(path: Path) -> None:
     """
-    Raise unless a library can read a file to its end.
+    Raise unless a file can be read to its end.
 
     Parameters
     ----------

@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-Numbers as text for messages, terminals and pages, and numbers rounded to significant digits.
+Numbers as text, and numbers rounded to significant digits.
+
+Messages, terminals and pages use them.
 
 Every folder of the package may use this module. A sentence with one number to fixed digits
 does not need it: an f-string such as ``f'{x:.3g}'`` is enough.
@@ -29,7 +31,9 @@ Scalar = str | bytes | int | float
 
 def format_number(value: float | None, digits: int = 3) -> str:
     """
-    Return a number to some significant digits, or ``-`` for None.
+    Return a number to significant digits.
+
+    None becomes ``-``.
 
     Below ten million, all digits before the point are shown: 1234 instead of 1.23e+03.
     """
@@ -49,7 +53,11 @@ def format_numbers(
 
 
 def format_decimal(value: float) -> str:
-    """Return a number to three digits with trailing zeros, which columns of a table need."""
+    """
+    Return a number to three digits, with trailing zeros.
+
+    Columns of a table need them.
+    """
     if 1e-5 <= abs(value) < 1e7:
         decimals = max(0, 2 - math.floor(math.log10(abs(value))))
         return f'{value:.{decimals}f}'
@@ -57,7 +65,11 @@ def format_decimal(value: float) -> str:
 
 
 def format_joint_values(values: float | Sequence[float], max_count: float = math.inf) -> str:
-    """Return a number for each joint: one if all are equal, a range if too many differ."""
+    """
+    Return the numbers of all joints.
+
+    It is one number if all are equal, and a range if too many differ.
+    """
     distinct = {values} if isinstance(values, int | float) else set(values)
     if len(distinct) == 1:
         return format_number(distinct.pop(), 6)
@@ -67,7 +79,11 @@ def format_joint_values(values: float | Sequence[float], max_count: float = math
 
 
 def format_value(value: Scalar | Sequence[Scalar | None], digits: int = 4) -> str:
-    """Return the value of a parameter of any type, with commas between several."""
+    """
+    Return the value of a parameter of any type.
+
+    Several values have commas between them.
+    """
     items = [value] if isinstance(value, Scalar) else value
     return ', '.join(
         format_number(x, digits) if x is None or isinstance(x, float) else str(x) for x in items)
@@ -89,7 +105,11 @@ def format_interval(value: float, half_width: float, unit: str = '') -> str:
 
 
 def format_count(count: int, noun: str) -> str:
-    """Return a number of things; the plural of the noun ends in s."""
+    """
+    Return a number of things, such as 2 runs.
+
+    The plural of the noun ends in s.
+    """
     digits = f'{count:,}'.replace(',', '\N{NARROW NO-BREAK SPACE}')
     return f'{digits} {noun}' if count == 1 else f'{digits} {noun}s'
 

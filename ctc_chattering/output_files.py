@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-Single files that commands write: replaced in one step, named safely, of strict JSON.
+Single files that commands write.
+
+They are replaced in one step, and named safely.
 
 A file is made under another name, which must be new, and then renamed. No link is followed, and
 no pipe is opened. A process that is killed leaves the old file or the new one. `output_folder.py`
@@ -48,12 +50,12 @@ def writing(path: Path) -> AbstractContextManager[None]:
 
 
 def incomplete_path(path: Path) -> Path:
-    """Return the name of a file or folder until it is complete."""
+    """Return the path of something that is not complete."""
     return path.with_name(f'.{path.name}.part')
 
 
 def is_incomplete(name: str) -> bool:
-    """Return whether a path is, or is in, what `incomplete_path` names."""
+    """Return whether a path, or a folder above, is incomplete."""
     return any(map(_INCOMPLETE.fullmatch, Path(name).parts))
 
 
@@ -80,7 +82,7 @@ def check_file(path: Path, overwrite: bool = False) -> None:
 @contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
     """
-    Yield a stream that replaces a file when it is complete.
+    Yield a stream that replaces a complete file.
 
     The content gets the name of the file in one step. If it replaces a file, it is on the disk
     before that.

@@ -146,7 +146,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _digest(path: Path) -> str:
-    """Return the digest of a file, or '' if it is none."""
+    """Return the digest of a regular file, or ''."""
     if not _is_file(path):
         return ''
     digest = hashlib.sha256()
@@ -200,7 +200,7 @@ def _check_not_shared(path: Path) -> None:
 
 
 def _check_writable(path: Path) -> None:
-    """Raise `CtcError` unless a folder can be made beside this one."""
+    """Raise unless a folder can be made beside this one."""
     with writing(path):
         folder = incomplete_path(path.resolve())
         missing = [x for x in (folder, *folder.parents) if not x.exists()]
@@ -325,7 +325,7 @@ class OutputFolder:
 
     def take_place(self, path: Path) -> None:
         """
-        Give this folder the name of the old output, and remove that.
+        Give this folder the place of the old output.
 
         Before that, files of the user there get a second name here.
 
@@ -369,7 +369,11 @@ class OutputFolder:
                            'away, or choose another --out') from None
 
     def _check_unchanged(self, name: str) -> None:
-        """Raise `CtcError` if a file is not as the command wrote it, or behind a link."""
+        """
+        Raise if somebody changed a file.
+
+        A link to it, or above it, is refused also.
+        """
         path = self.path / name
         for parent in reversed([path, *path.parents]):
             if parent != self.path and parent.is_relative_to(self.path) and parent.is_symlink():
@@ -379,7 +383,7 @@ class OutputFolder:
                            'another --out')
 
     def _note_file(self, name: str, content: Path) -> None:
-        """Add a file, with the digest of `content`, to the list."""
+        """Add a file with its digest to the list."""
         self._note(file=name, sha256=_digest(content))
 
     def _note(self, **entry: str) -> None:
@@ -421,7 +425,7 @@ def _exchange(first: Path, second: Path) -> None:
 
 
 def _remove(folder: Path, names: Sequence[str]) -> None:
-    """Remove these files, and the folder if nothing else is in it."""
+    """Remove these files, and the folder if empty then."""
     for name in names:
         with suppress(IsADirectoryError):
             (folder / name).unlink(missing_ok=True)
@@ -480,7 +484,7 @@ def _lock(stream: BinaryIO, path: Path) -> None:
 
 def claim(path: Path, command: str, name: str) -> Path:
     """
-    Return a folder for a user's files in a command's folder.
+    Return a user's folder in a command's folder.
 
     Both are made if necessary.
 

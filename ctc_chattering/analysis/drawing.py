@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Style of all figures: sheets of panels, lines with gaps, axes, legends, notes, files.
+Style of all figures, from sheets to files.
 
 Each command's figures are made in three steps. `sheet` makes a figure, and `panel` makes axes in
 its cells. `line` and others draw. `legend` comes last, and `save` writes the files.
@@ -66,7 +66,9 @@ _NOT_XML = re.compile(rb'[\x00-\x08\x0b\x0c\x0e-\x1f]')
 def sheet(title: str, rows: int, widths: Sequence[float], height: float,
           left: float = _LEFT) -> tuple[Figure, GridSpec]:
     """
-    Return a figure with cells for rows of panels of a height [inch].
+    Return a figure with cells for panels.
+
+    The panels of all rows have one height [inch].
 
     Its first text is the title: Matplotlib 3.6, of Ubuntu 24.04, has no `Figure.get_suptitle`.
     """
@@ -87,14 +89,18 @@ def sheet(title: str, rows: int, widths: Sequence[float], height: float,
 
 
 def column_count(panels: int) -> int:
-    """Return how many panels stand beside each other, so that few cells are empty."""
+    """Return the number of columns that leaves few cells empty."""
     if panels <= 4:
         return (1, 1, 2, 3, 2)[panels]
     return min((3, 4), key=lambda columns: -panels % columns)
 
 
 def panel(figure: Figure, cell: Any, title: str, ylabel: str, *times: Array) -> Axes:
-    """Return axes in a cell of a sheet, which show all the times [s] if there are any."""
+    """
+    Return axes in a cell of a sheet.
+
+    They show all the times [s], if there are any.
+    """
     ax = figure.add_subplot(cell)
     ax.set_title(title, loc='left', fontsize=10, color='#333333', pad=4, parse_math=False)
     ax.grid(True, color='#dddddd', linewidth=0.6)
@@ -109,7 +115,9 @@ def panel(figure: Figure, cell: Any, title: str, ylabel: str, *times: Array) -> 
 
 def legend(figure: Figure, handles: Sequence[Any]) -> None:
     """
-    Draw a legend between title and panels; the figure grows by its height. Call it last.
+    Draw a legend between title and panels.
+
+    The figure grows by its height. Call it last.
 
     Parameters
     ----------
@@ -151,7 +159,11 @@ def legend(figure: Figure, handles: Sequence[Any]) -> None:
 
 
 def legend_of(*panels: Axes) -> None:
-    """Draw the legend of what is named in panels of one figure, each name and colour once."""
+    """
+    Draw one legend for several panels of a figure.
+
+    Each name is in it once.
+    """
     handles: dict[str, Any] = {}
     for ax in panels:
         for handle, name in zip(*ax.get_legend_handles_labels()):
@@ -162,7 +174,9 @@ def legend_of(*panels: Axes) -> None:
 def save(figures: Iterable[tuple[str, Figure, str]], directory: Path, kinds: Sequence[str],
          used: set[str] | None = None) -> list[FigureFile]:
     """
-    Write figures; a dollar sign in one is a dollar sign, whoever has named something so.
+    Write figures as files.
+
+    A dollar sign in a name stays a dollar sign.
 
     Parameters
     ----------
@@ -205,7 +219,7 @@ def _content(figure: Figure, kind: str) -> bytes:
 
 
 def fit(figure: Figure) -> Figure:
-    """Cut titles of panels and labels of axes that are longer than these; return `figure`."""
+    """Cut titles and labels that are longer than their panels."""
     for ax in figure.axes:
         width, height = figure.get_size_inches() * ax.get_position().size / _LETTER
         left, right = ax._left_title, ax._right_title  # type: ignore[attr-defined]
@@ -220,7 +234,11 @@ def fit(figure: Figure) -> Figure:
 
 
 def _disable_math(figure: Figure) -> None:
-    """Let no text be a formula, except the powers of ten along logarithmic axes."""
+    """
+    Let no text be a formula.
+
+    Powers of ten along logarithmic axes remain.
+    """
     formulas = {text for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)
                 if isinstance(axis.get_major_formatter(), LogFormatter)
                 for text in axis.get_ticklabels(which='both')}
@@ -231,7 +249,9 @@ def _disable_math(figure: Figure) -> None:
 
 def line(ax: Axes, t: Array, y: Array, period: float, **style: Any) -> None:
     """
-    Draw a line, with dots if it is too short to be seen, broken where samples are missing.
+    Draw a line that is broken where samples are missing.
+
+    A line of few samples has dots.
 
     If there are more samples than `COLUMNS` can show, only the least and greatest of each column
     are drawn.
@@ -258,7 +278,9 @@ def line(ax: Axes, t: Array, y: Array, period: float, **style: Any) -> None:
 
 def envelope(y: Array) -> npt.NDArray[np.intp]:
     """
-    Return indices of the samples to draw: all, or the extremes of each column, first and last.
+    Return the indices of the samples to draw.
+
+    They are all, or the first, the last and the extremes of each column of pixels.
 
     Where some samples of a column are not finite, one of them is kept, so that a line is broken.
     """
@@ -275,7 +297,11 @@ def envelope(y: Array) -> npt.NDArray[np.intp]:
 
 
 def shade_gaps(ax: Axes, t: Array, period: float) -> None:
-    """Hatch where `SHOWN_GAP` samples or more are missing; arguments as `line` has them."""
+    """
+    Hatch gaps of `SHOWN_GAP` samples or more.
+
+    The arguments are those of `line`.
+    """
     gaps = _gaps(t, period)
     if len(gaps):
         ax.broken_barh(
@@ -285,7 +311,7 @@ def shade_gaps(ax: Axes, t: Array, period: float) -> None:
 
 
 def _gaps(t: Array, period: float) -> Any:
-    """Return the indices of the samples after which `SHOWN_GAP` or more are missing."""
+    """Return the indices of the samples before long gaps."""
     return np.flatnonzero(missing(t, period) >= SHOWN_GAP)
 
 
@@ -302,7 +328,7 @@ def label(ax: Axes, x: float, y: float, text: str, **style: Any) -> None:
 
 
 def mark(ax: Axes, time: float, name: str = '') -> None:
-    """Draw a vertical line at `time`; with a name, in the top of the axes."""
+    """Draw a vertical line at `time`, with its name."""
     ax.axvline(time, color=REFERENCE, linewidth=1.0, linestyle=(0, (1, 1.5)))
     if name:
         ax.annotate(f'→ {name}', (time, 1.0), xycoords=ax.get_xaxis_transform(),
@@ -311,7 +337,11 @@ def mark(ax: Axes, time: float, name: str = '') -> None:
 
 
 def log_axis(ax: Axes, y: Array) -> None:
-    """Make the axis of y logarithmic if it has positive values, without rare dips towards zero."""
+    """
+    Make the axis of y logarithmic.
+
+    It leaves out rare dips towards zero. Without a positive value it stays as it is.
+    """
     positive = y[np.isfinite(y) & (y > 0.0)]
     if len(positive):
         least = float(positive.min())
@@ -323,7 +353,11 @@ def log_axis(ax: Axes, y: Array) -> None:
 
 
 def steady_axis(ax: Axes, t: Array, y: Array) -> None:
-    """Fit the axis of y to the run after its start, with a note if that cuts the start."""
+    """
+    Fit the axis of y to the run after its start.
+
+    A note says so if that cuts the start.
+    """
     is_finite = np.isfinite(y)
     if not is_finite.any():
         return
@@ -341,7 +375,11 @@ def steady_axis(ax: Axes, t: Array, y: Array) -> None:
 
 
 def beyond(ax: Axes, text: str, looks: Sequence[dict[str, Any]]) -> None:
-    """Put marks that lie outside the axes into a row at their top, on the right."""
+    """
+    Draw marks that lie outside the axes in a row.
+
+    The row is at the top, on the right.
+    """
     if looks:
         for k, look in enumerate(looks, 1):
             ax.plot([1.0 - 0.045 * k], [0.95], transform=ax.transAxes, **{**look, 'zorder': 6})

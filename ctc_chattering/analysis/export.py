@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Samples of a run as files of NumPy and comma-separated values, for `ctc export`."""
+"""
+Samples of a run as NumPy and CSV files.
+
+`ctc export`, `ctc simulate` and the public API come here.
+"""
 
 from __future__ import annotations
 
@@ -34,13 +38,19 @@ _UNIT_SUFFIXES = {'q': '', 'dq': '/s', 'q_d': '', 'dq_d': '/s', 'ddq_d': '/s²',
 
 
 def commands_path(path: Path) -> Path:
-    """Return the file of torques at times of their own, beside a CSV file."""
+    """
+    Return the file of torques beside a CSV file.
+
+    It has torques at times of their own.
+    """
     return path.with_name(f'{path.stem}_commands.csv')
 
 
 def export(result: Result, path: str | Path) -> None:
     """
-    Write the samples of a run with names and units of the joints, for other programs.
+    Write the samples of a run for other programs.
+
+    They have the names and units of the joints.
 
     A NumPy file has these arrays.
 
@@ -107,7 +117,11 @@ def _write_arrays(result: Result, stream: BinaryIO) -> None:
 
 
 def _write_csv(result: Result, path: Path, t: Array, arrays: Mapping[str, Array]) -> None:
-    """Write times and arrays, each of shape (N, n), as comma-separated values."""
+    """
+    Write times and arrays as comma-separated values.
+
+    Each array has the shape (N, n).
+    """
     heads, columns = ['t [s]'], [t]
     for name, values in arrays.items():
         units = result.torque_units if name == 'tau' else result.position_units

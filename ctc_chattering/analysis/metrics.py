@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-Numbers that sum a run up: errors, torques and their variation, and the reaching time.
+Numbers that sum up a run.
+
+They are errors, torques and their variation, and the reaching time.
 
 All but the reaching time are computed over a window in which the start is over.
 """
@@ -40,7 +42,11 @@ _CHANGES = ('torque_variation_nm_per_s', 'max_torque_step_nm', 'max_torque_rate_
 
 
 def window_of(t: Array) -> tuple[float, float]:
-    """Return `WINDOW`, or the second half of a run that has too little of it, for times [s]."""
+    """
+    Return the window of a run with these times [s].
+
+    It is `WINDOW`, or the second half of a run that has too little of that.
+    """
     if not len(t):
         return WINDOW
     begin, end = float(t[0]), float(t[-1])
@@ -51,7 +57,11 @@ def window_of(t: Array) -> tuple[float, float]:
 
 
 def within(t: Array, window: tuple[float, float]) -> npt.NDArray[np.bool_]:
-    """Return for each time, shape (N,) [s], if it is in the window, its ends included."""
+    """
+    Return the times that are in the window.
+
+    Times have the shape (N,) [s]. The ends of the window belong to it.
+    """
     return (t >= window[0] - 1e-9) & (t <= window[1] + 1e-9)
 
 
@@ -111,7 +121,9 @@ def metrics(run: Run, window: tuple[float, float] = WINDOW, period: float | None
 
 def error_shares(run: Run, rms_error: Sequence[float]) -> Array:
     """
-    Return the RMS error of each joint over the amplitude of its desired motion, shape (n,).
+    Return the RMS error over the amplitude of the motion.
+
+    There is a share for each joint, shape (n,).
 
     The amplitude is half the range of the whole run. A joint that is to rest has the share 0.
 
@@ -132,7 +144,9 @@ def error_shares(run: Run, rms_error: Sequence[float]) -> Array:
 def _torque_numbers(t: Array, tau: Array, period: float | None, received: bool = False
                     ) -> dict[str, list[float]]:
     """
-    Return the numbers of torques, shape (N, n), of which unknown ones are nan.
+    Return the numbers of torques, shape (N, n).
+
+    Unknown torques are nan.
 
     The numbers are RMS, Σ|Δτ| over Σ Δt, and the largest |Δτ| and |Δτ| / Δt. Only neighbours with
     no sample missing between them count. A number without any is nan.
@@ -159,14 +173,16 @@ def _torque_numbers(t: Array, tau: Array, period: float | None, received: bool =
 
 
 def rms(x: Array) -> Array:
-    """Return the root of the mean square of each column, shape (n,)."""
+    """Return the RMS of each column, shape (n,)."""
     mean: Array = np.mean(np.square(x), axis=0)
     return np.sqrt(mean)
 
 
 def reaching_time(t: Array, v: Array, band: float = BAND) -> float | None:
     """
-    Return the first time [s] from which every |v_i| stays within `band` to the end.
+    Return the reaching time [s].
+
+    From it on, every |v_i| stays within `band` to the end.
 
     It is None if the last sample is outside, or if there is none.
     """

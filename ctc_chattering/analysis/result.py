@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-A finished run: its samples, the laws that ran, and its numbers for ``metrics.json``.
+A finished run with its numbers for ``metrics.json``.
 
 `simulate` makes a `Result` without ROS, and `bags.reader.read_bag` makes one of a bag. Figures,
 pages and exported files are made of results.
@@ -63,7 +63,7 @@ _BY_SAMPLES = (-inf, -inf)
 
 
 def _run_array(name: str, quantity: str) -> Any:
-    """Return a property that is an array of the result's `run`."""
+    """Return a property with an array of `run`."""
     return property(lambda result: getattr(result.run, name), doc=f'Return {quantity}.')
 
 
@@ -87,7 +87,9 @@ class _RunArrays:
 @dataclasses.dataclass(frozen=True, repr=False)
 class Result(_RunArrays):
     """
-    One run of one experiment: its samples, the law that ran, and its numbers.
+    One run of one experiment.
+
+    It has the samples, the law that ran, and numbers.
 
     `simulate` and `read_bag` return it. The samples are attributes: ``t``, ``q``, ``dq``, ``q_d``,
     ``dq_d``, ``ddq_d``, ``e``, ``de``, ``tau``, ``v``.
@@ -149,7 +151,7 @@ class Result(_RunArrays):
             object.__setattr__(self, 'window', window_of(self.run.t))
 
     def __repr__(self) -> str:
-        """Return the run in a line, with its RMS errors in the window."""
+        """Return the run in a line, with its RMS errors."""
         error = format_numbers(metrics(self.run, self.window)['rms_error_rad'])
         begin, end = self.window
         return (f'<{self.label}: {len(self.run.t)} samples, RMS error {error} from {begin:g} to '
@@ -158,7 +160,7 @@ class Result(_RunArrays):
     @cached_property
     def terms(self) -> RunTerms:
         """
-        Return the parts of the torque, v and V; a simulation lacks what was not sent.
+        Return the parts of the torque, v and V.
 
         Those of a bag are recorded, every Nth sample, unless they can be computed exactly.
         """
@@ -167,7 +169,11 @@ class Result(_RunArrays):
 
     @property
     def torque(self) -> Series:
-        """Return the torques sent: at the states that they answer, or when they were received."""
+        """
+        Return the torques sent.
+
+        Their times are those of the states that they answer, or those of reception.
+        """
         return self.commands or Series(self.run.t, self.run.tau, self._origin_of_states)
 
     @property
@@ -176,7 +182,7 @@ class Result(_RunArrays):
 
     @cached_property
     def signals(self) -> dict[str, Series]:
-        """Return all signals by the names that plots.js lists, each with its origin."""
+        """Return all signals by the names in plots.js."""
         run, law = self.run, self.terms
         signs = {'nominal': 1.0, 'compensation': -1.0, 'robust': -1.0}
         at_states = {'q': run.q, 'dq': run.dq, 'q_d': run.q_d, 'e': run.e}
@@ -200,7 +206,11 @@ class Result(_RunArrays):
 
     @property
     def config(self) -> ControllerConfig:
-        """Return the configuration at the end; model, joints and period never change."""
+        """
+        Return the configuration at the end.
+
+        Model, joints and period never change.
+        """
         return self.configs[-1][1]
 
     @property
@@ -210,25 +220,25 @@ class Result(_RunArrays):
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints, in the order of the arrays' columns."""
+        """Names of the joints, as columns of the arrays."""
         return self.config.joint_names
 
     @property
     def changes(self) -> list[tuple[float, str]]:
-        """Return the times [s] at which the law changed during the run, with the new law."""
+        """Return the changes of law: time [s] and new law."""
         return [(t, new.law) for (_, old), (t, new) in pairwise(self.configs)
                 if new.law != old.law]
 
     @property
     def marks(self) -> list[tuple[float, str]]:
-        """Return the times [s] at which law or switching changed, with the new one."""
+        """Return the changes of law or switching: time [s] and new one."""
         return [(t, new.law if new.law != old.law else new.switching)
                 for (_, old), (t, new) in pairwise(self.configs)
                 if (new.law, new.switching) != (old.law, old.switching)]
 
     @property
     def laws(self) -> str:
-        """Laws of the run in their order, for a legend."""
+        """Laws of the run in their order."""
         return ' → '.join([self.configs[0][1].law, *(law for _, law in self.changes)])
 
     @property
@@ -243,17 +253,17 @@ class Result(_RunArrays):
 
     @cached_property
     def position_units(self) -> tuple[str, ...]:
-        """Return the unit of each joint's position: rad, or m for a prismatic joint."""
+        """Return the unit of each joint's position: rad or m."""
         return position_units(self.joint_names, self.description)
 
     @property
     def torque_units(self) -> tuple[str, ...]:
-        """Return the unit of each joint's torque: N·m, or N for the force of a prismatic joint."""
+        """Return the unit of each joint's torque: N·m or N."""
         return tuple('N' if unit == 'm' else 'N·m' for unit in self.position_units)
 
     @property
     def gains(self) -> dict[str, Any]:
-        """Return the gains of the law at the end, by parameter name."""
+        """Return the gains at the end, by parameter name."""
         config = self.config
         values = config.as_mapping()
         names = ['kp', 'kv', *(
@@ -265,13 +275,17 @@ class Result(_RunArrays):
 
     @cached_property
     def missing(self) -> npt.NDArray[np.int64]:
-        """Return the number of samples missing after each sample but the last, shape (N - 1,)."""
+        """
+        Return the number of samples missing after each sample.
+
+        The last sample has none: the shape is (N - 1,).
+        """
         return missing(self.run.t, self.config.control_period)
 
     @cached_property
     def saturation(self) -> list[Saturation] | None:
         """
-        Return how often the chattering term of each joint is at its bound within the window.
+        Return the saturation of each joint in the window.
 
         A while after the start, and after each change of parameters, is not counted: v reaches 0
         then. The result is None without a sample under a law that takes ``ka``. It is also None
@@ -293,12 +307,12 @@ class Result(_RunArrays):
 
     @property
     def _terms_are_sparse(self) -> bool:
-        """Whether the terms of most samples are unknown."""
+        """True if the terms of most samples are unknown."""
         return 2 * len(self.terms.t) < len(self.run.t)
 
     @property
     def _has_both_units(self) -> bool:
-        """Whether some joints are prismatic and others are not."""
+        """True if some joints are prismatic and others not."""
         return len(set(self.position_units)) > 1
 
     def metrics(self) -> dict[str, Any]:
@@ -331,7 +345,7 @@ class Result(_RunArrays):
                       *self._notes_on_errors(numbers['rms_error_rad'])]}
 
     def _notes(self) -> Iterator[str]:
-        """Yield the sentences that numbers alone would hide, without their last full stop."""
+        """Yield facts that numbers alone would hide."""
         begin, end = self.window
         if self.window == window_of(self.run.t) != WINDOW:
             yield (f'metrics are computed from {begin:.4g} s to {end:.4g} s, the second half of '
@@ -354,7 +368,7 @@ class Result(_RunArrays):
                 yield f'{name}: {saturation}'
 
     def _notes_on_errors(self, rms_error: Sequence[float] | None) -> Iterator[str]:
-        """Yield the joints that hardly follow their motion, with a cure."""
+        """Yield joints that hardly follow their motion."""
         if rms_error is None:
             return
         shares = error_shares(self.run, rms_error)
@@ -368,7 +382,7 @@ class Result(_RunArrays):
                    f'{cure}, or raise kp and kv')
 
     def _notes_on_terms(self) -> Iterator[str]:
-        """Yield which terms are shown if the law cannot be recomputed, with the reason."""
+        """Yield the reason if the law is not recomputed."""
         if self.replay is None or self.replay.verdict is ReplayVerdict.EXACT:
             return
         origin = 'are not known'
@@ -384,7 +398,9 @@ class Result(_RunArrays):
 def simulate(setup: Setup, progress: Callable[[float], None] | None = None, truth: bool = False,
              robot: Plant | None = None, model: Model | None = None) -> Result:
     """
-    Simulate the closed loop without ROS: the same run as that of the nodes in lockstep.
+    Simulate the closed loop without ROS.
+
+    The run is the same as that of the nodes in lockstep.
 
     Parameters
     ----------
@@ -437,7 +453,9 @@ def simulate(setup: Setup, progress: Callable[[float], None] | None = None, trut
 
 def write_metrics(results: Sequence[Result], path: Path) -> None:
     """
-    Write ``{"runs": [...]}``, an object per run, as strict JSON with null for infinity and nan.
+    Write ``{"runs": [...]}``, with an object per run.
+
+    It is strict JSON, with null for infinity and nan.
 
     Raises
     ------
@@ -449,7 +467,11 @@ def write_metrics(results: Sequence[Result], path: Path) -> None:
 
 
 def position_units(names: Sequence[str], description: str) -> tuple[str, ...]:
-    """Return the unit of each joint's position: m if a URDF says that it is prismatic, or rad."""
+    """
+    Return the unit of each joint's position.
+
+    It is m for a joint that is prismatic in the URDF, and rad for all others.
+    """
     units = {}
     with suppress(CtcError):
         units = {name: joint.position_unit for name, joint in Tree(description).joints.items()}

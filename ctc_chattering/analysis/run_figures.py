@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Figures of a run: tracking, torques and terms of the law; and the errors of several runs.
+Figures of runs: tracking, torques, terms, and errors compared.
 
 `save_figures` writes them for `ctc plot`, `ctc reproduce` and the public API. A run without
 samples raises `CtcError`.
@@ -63,14 +63,22 @@ _DOTS: dict[str, Any] = {'linestyle': 'none', 'marker': '.', 'markersize': 3.0}
 
 
 def error_sums(result: Result) -> dict[str, Array]:
-    """Return the 1-norm of the position error by unit of the joints, each of shape (N,)."""
+    """
+    Return the 1-norm of the position error by unit.
+
+    Each has the shape (N,).
+    """
     units, error = np.array(result.position_units), np.abs(result.e)
     return {unit: error[:, units == unit].sum(axis=1)
             for unit in dict.fromkeys(result.position_units)}
 
 
 def error_comparison(results: Sequence[Result]) -> Figure:
-    """Draw the 1-norm of the error of all runs, a panel per experiment and unit."""
+    """
+    Draw the 1-norm of the error of all runs.
+
+    There is a panel per experiment and unit.
+    """
     groups: dict[tuple[str, str], list[tuple[int, Array]]] = {}
     for i, result in enumerate(results):
         for unit, error in error_sums(result).items():
@@ -91,7 +99,11 @@ def error_comparison(results: Sequence[Result]) -> Figure:
 
 
 def _draw_error(ax: Axes, result: Result, error: Array, **style: Any) -> None:
-    """Draw the error of a run with its changes, gaps and the time that is evaluated."""
+    """
+    Draw the error of a run.
+
+    Changes, gaps and the time that is evaluated are marked.
+    """
     t, period = result.t, result.config.control_period
     drawing.line(ax, t, error, period, linewidth=1.0, **style)
     for time, change in result.marks:
@@ -103,7 +115,7 @@ def _draw_error(ax: Axes, result: Result, error: Array, **style: Any) -> None:
 
 
 def tracking(result: Result, name: RunName | None = None) -> Figure:
-    """Draw q against q_d for each joint, and the 1-norm of the error."""
+    """Draw q, q_d and the 1-norm of the error."""
     run, n, sums = result.run, _joint_count(result), error_sums(result)
     sheet = _RunFigure(result, f'Tracking – {name or run_name(result)}{_paper_figure(result, 0)}',
                        n + len(sums), (3.0, 1.35), 1.45, SLICE)
@@ -126,7 +138,7 @@ def tracking(result: Result, name: RunName | None = None) -> Figure:
 
 
 def torques(result: Result, name: RunName | None = None) -> Figure:
-    """Draw the torque of each joint over the whole run and over a slice."""
+    """Draw the torque of each joint."""
     n, torque = _joint_count(result), result.torque
     sheet = _RunFigure(result, f'Torques – {name or run_name(result)}{_paper_figure(result, 1)}',
                        n, (3.0, 1.35), 2.1 if n < 4 else 1.5, SHORT_SLICE)
@@ -142,7 +154,11 @@ def torques(result: Result, name: RunName | None = None) -> Figure:
 
 
 def internals(result: Result, name: RunName | None = None) -> Figure:
-    """Draw V, and for each joint the filtered error v and the robust term z of the law."""
+    """
+    Draw V, and for each joint v and z.
+
+    v is the filtered error, and z the robust term of the law.
+    """
     terms, n = result.terms, _joint_count(result)
     sheet = _RunFigure(
         result, f'V, filtered error and robust term – {name or run_name(result)}', n + 1,
@@ -159,7 +175,7 @@ def internals(result: Result, name: RunName | None = None) -> Figure:
 
 
 def _draw_robust_term(sheet: _RunFigure, i: int) -> None:
-    """Draw the robust term of a joint over the whole run and over a slice."""
+    """Draw the robust term of a joint."""
     result, terms = sheet.result, sheet.result.terms
     symbol, z = _robust_symbol(result), terms.robust[:, i]
     is_sparse = Series(terms.t, z, terms.origin).step > 1.5 * result.config.control_period
@@ -178,7 +194,11 @@ def _draw_robust_term(sheet: _RunFigure, i: int) -> None:
 
 
 def _robust_symbol(result: Result) -> str:
-    """Return the symbol of the robust term, or '' for laws without."""
+    """
+    Return the symbol of the robust term.
+
+    It is '' for laws without such a term.
+    """
     symbols = {law_class(config.law).symbol for _, config in result.configs} - {''}
     return symbols.pop() if len(symbols) == 1 else 'robust term z' if symbols else ''
 
@@ -186,7 +206,9 @@ def _robust_symbol(result: Result) -> str:
 def save_figures(results: Sequence[Result], directory: str | Path, extra: str = 'svg'
                  ) -> list[FigureFile]:
     """
-    Write every figure of `results` as SVG and return them in the order in which to show them.
+    Write every figure of `results` as SVG.
+
+    The figures are returned in the order in which to show them.
 
     Two or more results are also compared.
 
@@ -225,7 +247,7 @@ def save_figures(results: Sequence[Result], directory: str | Path, extra: str = 
 
 
 def _comparison(results: Sequence[Result]) -> tuple[str, Figure, str]:
-    """Return file name, figure and caption of the comparison of several runs."""
+    """Return name, figure and caption of a comparison."""
     caption = ('Sum of the absolute joint errors over time, on a logarithmic axis, with one panel '
                'per experiment.')
     if any(x.metrics()['max_error_norm1_rad'] is not None for x in results):
@@ -234,7 +256,7 @@ def _comparison(results: Sequence[Result]) -> tuple[str, Figure, str]:
 
 
 def _figures(result: Result, name: RunName) -> Iterator[tuple[str, Figure, str]]:
-    """Yield file name, figure and caption of each figure of a run."""
+    """Yield name, figure and caption of a run's figures."""
     stem = file_stem(result.slug + name.details)
     right = f'Right: enlarged {"around the last change" if result.marks else "at the end"}.'
     if result.missing.any():
@@ -251,7 +273,11 @@ def _figures(result: Result, name: RunName) -> Iterator[tuple[str, Figure, str]]
 
 
 def _times_of_terms(result: Result) -> str:
-    """Return the times of the terms for a caption, if they are not those of the states."""
+    """
+    Return the times of the terms for a caption.
+
+    It is '' if they are those of the states.
+    """
     terms = result.terms
     if terms.origin is SignalOrigin.COMPUTED:
         return ''
@@ -263,7 +289,9 @@ def _times_of_terms(result: Result) -> str:
 
 class _RunFigure:
     """
-    Figure of one run, with an enlarged slice at its end, or at a change of law.
+    Figure of one run, with an enlarged slice.
+
+    The slice is at the end, or at the last change of law.
 
     Parameters
     ----------
@@ -294,7 +322,11 @@ class _RunFigure:
 
     def panel(self, cell: tuple[int, int | slice], title: str, ylabel: str,
               enlarged: bool = False) -> Axes:
-        """Return axes for the whole run or for the slice, with marks and gaps."""
+        """
+        Return axes with marks and gaps.
+
+        They are for the whole run, or `enlarged` for the slice.
+        """
         t = self._slice if enlarged else self.result.t
         if enlarged:
             title = f'enlarged: {t[0]:.4g}–{t[-1]:.4g} s'
@@ -310,7 +342,11 @@ class _RunFigure:
         return ax
 
     def line(self, ax: Axes, t: Array, y: Array, **style: Any) -> None:
-        """Draw samples, or those of the slice in its axes; write if none is known."""
+        """
+        Draw the samples that the axes show.
+
+        A text says so if none is known.
+        """
         if ax in self._slices:
             begin, end = self._slice[[0, -1]]
             shown = (t >= begin - 1e-9) & (t <= end + 1e-9)
@@ -324,14 +360,14 @@ class _RunFigure:
 
 
 def _joint_count(result: Result) -> int:
-    """Return the number of joints of a run with samples, or raise `CtcError`."""
+    """Return the number of joints, or raise without samples."""
     if not len(result.t):
         raise CtcError(f'{result.label}: the run has no samples, so there is nothing to draw')
     return len(result.joint_names)
 
 
 def _paper_figure(result: Result, index: int) -> str:
-    """Return the suffix of a title with the number of the paper's figure, or ''."""
+    """Return the paper's figure as suffix of a title."""
     numbers = PAPER_FIGURES.get((result.experiment, result.law))
     config = result.config
     if (numbers is None or result.marks or config.model != 'two_link'

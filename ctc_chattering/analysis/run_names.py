@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-Names and colours of runs, by which all figures, tables and pages tell them apart.
+Names and colours that tell runs apart.
+
+All figures, tables and pages use them.
 
 A name has the experiment, the laws and, where runs would have the same name, what differs.
 """
@@ -70,7 +72,11 @@ class RunName(NamedTuple):
 
 
 def run_name(result: Result) -> RunName:
-    """Return experiment and laws, with the switching unless it is `sign`, the paper's."""
+    """
+    Return the name of a run without others.
+
+    It has the switching, unless that is `sign`, as in the paper.
+    """
     switchings = [name for name, _ in groupby(
         config.switching for _, config in result.configs
         if 'switching' in config.law_parameters)]
@@ -84,7 +90,7 @@ def run_name(result: Result) -> RunName:
 
 def run_names(results: Sequence[Result]) -> list[RunName]:
     """
-    Return a name for each of several runs, all different.
+    Return names of several runs, all different.
 
     Runs of the same name get the gains that differ. If none differ, they get the name of the bag.
     If that does not help, they get a number.
@@ -105,7 +111,7 @@ def run_names(results: Sequence[Result]) -> list[RunName]:
 
 
 def _repeated(names: Sequence[RunName]) -> list[list[int]]:
-    """Return the indices of each name that several runs have."""
+    """Return the indices of runs with equal names."""
     groups: dict[RunName, list[int]] = {}
     for i, name in enumerate(names):
         groups.setdefault(name, []).append(i)
@@ -118,28 +124,40 @@ def _extend(names: list[RunName], i: int, details: str) -> None:
 
 
 def gains_text(result: Result) -> str:
-    """Return the gains in force at the end, and the sample period, on one line."""
+    """
+    Return gains and sample period on one line.
+
+    They are those in force at the end.
+    """
     return ', '.join(f'{key} {value}' for key, value in _gains(result).items())
 
 
 def _gains(result: Result) -> dict[str, str]:
-    """Return gains and sample period as text by parameter name."""
+    """Return gains and sample period as text."""
     values = {**result.gains, 'control_period': result.config.control_period}
     return {key: format_joint_values(value) for key, value in values.items()}
 
 
 def run_colour(result: Result) -> str:
-    """Return the colour of a run without others beside it."""
+    """Return the colour of a run alone."""
     return SEVERAL_LAWS_COLOUR if result.changes else LAW_COLOURS[result.law]
 
 
 def run_colours(results: Sequence[Result]) -> list[str]:
-    """Return the colour of each run's law, in shades for several runs of an experiment."""
+    """
+    Return a colour for each run.
+
+    It is the law's, in shades for several runs of an experiment.
+    """
     return shaded([run_colour(x) for x in results], [x.experiment for x in results])
 
 
 def shaded(colours: Sequence[str], groups: Sequence[object] = ()) -> list[str]:
-    """Return colours, ``#rrggbb``, in different shades where a group has one several times."""
+    """
+    Return colours in shades that differ within groups.
+
+    Colours are ``#rrggbb``.
+    """
     used: Counter[tuple[object, str]] = Counter()
     shades = []
     for group, colour in zip(groups or [None] * len(colours), colours):
@@ -150,6 +168,6 @@ def shaded(colours: Sequence[str], groups: Sequence[object] = ()) -> list[str]:
 
 
 def _mix(colour: str, share: float, grey: int) -> str:
-    """Return a colour, ``#rrggbb``, with a share of white, 255, or black, 0."""
+    """Return a colour mixed with white, 255, or black, 0."""
     mixed = [round((1.0 - share) * level + share * grey) for level in bytes.fromhex(colour[1:])]
     return f'#{bytes(mixed).hex().upper()}'

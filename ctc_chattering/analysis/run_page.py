@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The page of one or several runs, with its figures, numbers and samples.
+Page of runs, with figures, numbers and samples.
 
 `write_runs` writes all of it for `ctc plot`, `ctc reproduce` and the public API.
 """
@@ -54,7 +54,7 @@ _LOOP_SIGNALS = ('q', 'dq', 'q_d', 'e', 'torque')
 
 
 class Column(NamedTuple):
-    """Number of a run or joint in the table: its key in the metrics, its heading and unit."""
+    """Column of the table: key of the metrics, heading, unit."""
 
     key: str
     heading: str
@@ -145,7 +145,7 @@ def write_page(results: Sequence[Result], figures: Sequence[FigureFile], path: P
 
 
 class _ErrorRatio(NamedTuple):
-    """Largest error of a run, and that of the same experiment under compensation."""
+    """Largest error of a run, and that under compensation."""
 
     result: Result
     name: str
@@ -154,7 +154,7 @@ class _ErrorRatio(NamedTuple):
 
     @property
     def factor(self) -> str:
-        """Factor by which the error is smaller or larger, in words."""
+        """Factor of the errors in words."""
         if self.error == self.base_error:
             return 'the same'
         if not self.error or not self.base_error:
@@ -172,7 +172,11 @@ class _ErrorRatio(NamedTuple):
 
 
 def _error_ratios(runs: Sequence[PageRun]) -> Iterator[_ErrorRatio]:
-    """Yield each run under another law only than compensation, if its experiment has both."""
+    """
+    Yield runs that can be compared with compensation.
+
+    They are under one other law, and their experiment has both.
+    """
     under_one_law = [run for run in runs
                      if not run.result.changes and run.metrics[LARGEST_ERROR] is not None]
     base_errors = {run.result.experiment: run.metrics[LARGEST_ERROR]
@@ -184,7 +188,11 @@ def _error_ratios(runs: Sequence[PageRun]) -> Iterator[_ErrorRatio]:
 
 
 def origins_table(runs: Sequence[PageRun]) -> Table:
-    """Return the table of the signals' samples, with a row for each origin of a run."""
+    """
+    Return the table of the signals' origins.
+
+    A run has a row for each origin.
+    """
     rows: list[list[str]] = []
     for run in runs:
         groups: dict[tuple[str, ...], list[str]] = {}
@@ -197,7 +205,7 @@ def origins_table(runs: Sequence[PageRun]) -> Table:
 
 
 def _origin(result: Result, signal: str, series: Series) -> tuple[str, ...]:
-    """Return the cells of a signal: origin, source, number of samples and usual step."""
+    """Return origin, source, count and step of a signal."""
     if series.origin is SignalOrigin.UNKNOWN:
         return series.origin.value, '', '', ''
     source = result.topics.get(signal, 'simulation')
@@ -210,7 +218,11 @@ def _origin(result: Result, signal: str, series: Series) -> tuple[str, ...]:
 
 
 def numbers_table(runs: Sequence[PageRun]) -> Table:
-    """Return the numbers: a row a joint, those of the whole run in the first of them."""
+    """
+    Return the table of numbers, a row a joint.
+
+    Numbers of the whole run are in its first row.
+    """
     rows: list[list[str]] = []
     for run, colour in zip(runs, run_colours([x.result for x in runs])):
         result, numbers = run.result, run.metrics
@@ -230,7 +242,7 @@ def numbers_table(runs: Sequence[PageRun]) -> Table:
 
 
 def _note_on_numbers(runs: Sequence[PageRun]) -> str:
-    """Return the definitions of the numbers, with the times over which they are computed."""
+    """Return definitions of the numbers, with their times."""
     windows = {tuple(run.metrics['window_s']): run.name
                for run in runs if run.metrics['rms_error_rad']}
     times = [f'{begin:.4g} s to {end:.4g} s' + (f' ({name})' if len(windows) > 1 else '')
@@ -242,7 +254,11 @@ def _note_on_numbers(runs: Sequence[PageRun]) -> str:
 
 
 def _cell(result: Result, joint: int, number: float | None, unit: str) -> Markup:
-    """Return a number, with its unit if a prismatic joint has another than the heading."""
+    """
+    Return a number for a cell.
+
+    It has its unit if a prismatic joint has another than the heading.
+    """
     if result.position_units[joint] == 'rad' or unit == 's':
         unit = ''
     return fragment('{{ number | number }}{% if unit %} <small>{{ unit }}</small>{% endif %}',
@@ -252,7 +268,9 @@ def _cell(result: Result, joint: int, number: float | None, unit: str) -> Markup
 def write_runs(results: Sequence[Result], out: str | Path, bags: Sequence[str | Path] = (),
                extra: str = 'svg', command: str = '', overwrite: bool = False) -> None:
     """
-    Write figures, numbers and a page with interactive plots, on which runs are compared.
+    Write figures, numbers and a page with plots.
+
+    Runs are compared on the page.
 
     Parameters
     ----------
@@ -287,7 +305,11 @@ def write_runs(results: Sequence[Result], out: str | Path, bags: Sequence[str | 
 
 def fill_folder(results: Sequence[Result], folder: Path, links: Sequence[str], extra: str = 'svg',
                 command: str = '') -> None:
-    """Write the files of `write_runs`, with these links from the page to the bags."""
+    """
+    Write the files of `write_runs`.
+
+    The page has these links to the bags.
+    """
     from ctc_chattering.analysis.run_figures import save_figures  # Takes time.
 
     figures = save_figures(results, folder / 'figures', extra)

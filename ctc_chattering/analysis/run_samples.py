@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Samples of runs as scripts beside a page, for its interactive plots.
+Samples of runs as scripts for plots of a page.
 
 `write_samples` writes them for `run_page.write_page`. A page does not hold more than `MAX_COUNT`
 numbers of a run, and of long runs it holds rounded ones.
@@ -43,7 +43,7 @@ Track = tuple[Array, dict[str, Array]]
 
 
 class _NamedRun(NamedTuple):
-    """Run with its name and colour among all runs of the page."""
+    """Run with its name and colour."""
 
     result: Result
     name: RunName
@@ -52,7 +52,9 @@ class _NamedRun(NamedTuple):
 
 def write_samples(results: Sequence[Result], directory: Path) -> list[SignalPlots]:
     """
-    Write the samples of each run as a script, and return plots: one for each experiment.
+    Write the samples of each run as a script.
+
+    Plots are returned, one for each experiment.
 
     Parameters
     ----------
@@ -104,7 +106,11 @@ def _write_group(group: Sequence[_NamedRun], directory: Path, used: set[str]) ->
 
 def _caption(settled: float, has_mark: bool, rounded: Sequence[str], cut_off: Sequence[str]
              ) -> str:
-    """Return the caption of plots that leave out the start up to `settled` [s]."""
+    """
+    Return the caption of plots.
+
+    Axes leave out the start up to `settled` [s].
+    """
     text = ('Error e = q_d − q, torque sent, V and further signals. The table below lists the '
             f'times and the origin of each. While times after {2.0 * settled:.3g} s are shown, '
             f'the axes are scaled without the first {settled:.3g} s.')
@@ -125,7 +131,7 @@ def _count(tracks: Sequence[Track]) -> int:
 
 
 def _first_samples(tracks: list[Track]) -> tuple[list[Track], float]:
-    """Return the first `MAX_COUNT` numbers of tracks, and the time up to which these are [s]."""
+    """Return the first `MAX_COUNT` numbers, and their end [s]."""
     begin = min(float(t[0]) for t, _ in tracks)
     end = max(float(t[-1]) for t, _ in tracks)
     count = _count(tracks)

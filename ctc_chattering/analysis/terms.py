@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Terms of the law over the states of a run, recomputed by the controller itself.
+Terms of the law, recomputed by the controller itself.
 
 For a bag, `Replay` says whether the law, recomputed over the recorded states, gives the torques
 that were recorded.
@@ -38,7 +38,7 @@ import numpy as np
 @dataclasses.dataclass(frozen=True)
 class RunTerms:
     """
-    Terms of the law, sample by sample, at times of their own.
+    Terms of the law at times of their own.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class ReplayVerdict(Enum):
 
 class Replay(NamedTuple):
     """
-    Comparison of the law, recomputed over the states of a bag, with its recorded torques.
+    Comparison of the recomputed law with recorded torques.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class Replay(NamedTuple):
     difference: tuple[float, ...] = ()
 
     def __str__(self) -> str:
-        """Return the reason why recomputed terms are not shown, or ''."""
+        """Return the reason for not showing recomputed terms."""
         if self.verdict is ReplayVerdict.OTHER_TORQUES:
             return ('the law, recomputed over the recorded states, differs from the torques sent '
                     f'by {format_numbers(self.difference)} N·m RMS')
@@ -104,7 +104,9 @@ class Replay(NamedTuple):
 def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
           model: Model | None = None, ahead: Array | None = None) -> RunTerms:
     """
-    Run the controller over the states and the reference of `run`.
+    Recompute the terms of the law over `run`.
+
+    The controller runs over its states and its reference.
 
     The terms are those of the run if it received these states and no others, each at once.
 
