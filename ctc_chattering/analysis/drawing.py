@@ -53,8 +53,6 @@ COLUMNS = 1600
 STEPS: dict[str, Any] = {'linewidth': 0.9, 'drawstyle': 'steps-post'}
 #: Width of a letter of 9 points [inch].
 _LETTER = 0.078
-#: Space on the left of the panels [inch].
-_LEFT = 0.85
 #: Colour of what is written into panels.
 _TEXT = '#444444'
 #: Metadata with a date or version are left out, so that equal runs give equal files.
@@ -64,11 +62,11 @@ _NOT_XML = re.compile(rb'[\x00-\x08\x0b\x0c\x0e-\x1f]')
 
 
 def sheet(title: str, rows: int, widths: Sequence[float], height: float,
-          left: float = _LEFT) -> tuple[Figure, GridSpec]:
+          left: float = 0.85) -> tuple[Figure, GridSpec]:
     """
     Return a figure with cells for panels.
 
-    The panels of all rows have one height [inch].
+    Panels have one height, and `left` is the space for labels beside them [inch].
 
     Its first text is the title: Matplotlib 3.6, of Ubuntu 24.04, has no `Figure.get_suptitle`.
     """

@@ -51,15 +51,9 @@ import numpy as np
 PAPER_FIGURES = {
     ('friction', 'compensation'): (2, 4), ('friction', 'chattering'): (3, 5),
     ('disturbance', 'compensation'): (6, 8), ('disturbance', 'chattering'): (7, 9)}
-#: Length of an enlarged slice of positions [s].
-SLICE = 1.0
-#: Length of an enlarged slice of torques [s].
-SHORT_SLICE = 0.2
 #: Colour of the time that is evaluated, or enlarged.
 _SHADE = '#eeeeee'
 _THIN: dict[str, Any] = {'linewidth': 0.6, 'alpha': 0.85}
-#: Of samples between which the signal may be anything.
-_DOTS: dict[str, Any] = {'linestyle': 'none', 'marker': '.', 'markersize': 3.0}
 
 
 def error_sums(result: Result) -> dict[str, Array]:
@@ -116,40 +110,36 @@ def _draw_error(ax: Axes, result: Result, error: Array, **style: Any) -> None:
 
 def tracking(result: Result, name: RunName | None = None) -> Figure:
     """Draw q, q_d and the 1-norm of the error."""
-    run, n, sums = result.run, _joint_count(result), error_sums(result)
-    sheet = _RunFigure(result, f'Tracking – {name or run_name(result)}{_paper_figure(result, 0)}',
-                       n + len(sums), (3.0, 1.35), 1.45, SLICE)
-    for column, enlarged in enumerate((False, True)):
-        for i, (joint, unit) in enumerate(zip(result.joint_names, result.position_units)):
-            ax = sheet.panel((i, column), joint, f'q, q_d [{unit}]', enlarged)
-            sheet.line(ax, run.t, run.q[:, i], label='q')
-            sheet.line(ax, run.t, run.q_d[:, i], label='q_d', color=drawing.REFERENCE,
+    sums = error_sums(result)
+    sheet = _RunFigure(result, 'Tracking', name, len(result.joint_names) + len(sums),
+                       (3.0, 1.35), 1.45, 1.0, paper_index=0)
+    for i, (joint, unit) in enumerate(zip(result.joint_names, result.position_units)):
+        for ax in sheet.pair(i, joint, f'q, q_d [{unit}]'):
+            sheet.line(ax, result.t, result.q[:, i], label='q')
+            sheet.line(ax, result.t, result.q_d[:, i], label='q_d', color=drawing.REFERENCE,
                        linewidth=1.1, linestyle=(0, (4, 2.5)))
-        for i, (unit, error) in enumerate(sums.items(), n):
-            ax = sheet.panel(
-                (i, column), 'position error Σ |eᵢ|', f'Σ |eᵢ| [{unit}]', enlarged)
-            sheet.line(ax, run.t, error)
-            if enlarged:
-                ax.set_ylim(bottom=0.0)
-            else:
-                drawing.log_axis(ax, error)
+    for i, (unit, error) in enumerate(sums.items(), len(result.joint_names)):
+        whole, enlarged = sheet.pair(i, 'position error Σ |eᵢ|', f'Σ |eᵢ| [{unit}]')
+        sheet.line(whole, result.t, error)
+        drawing.log_axis(whole, error)
+        sheet.line(enlarged, result.t, error)
+        enlarged.set_ylim(bottom=0.0)
     legend_of(sheet.figure.axes[0])
     return sheet.figure
 
 
 def torques(result: Result, name: RunName | None = None) -> Figure:
     """Draw the torque of each joint."""
-    n, torque = _joint_count(result), result.torque
-    sheet = _RunFigure(result, f'Torques – {name or run_name(result)}{_paper_figure(result, 1)}',
-                       n, (3.0, 1.35), 2.1 if n < 4 else 1.5, SHORT_SLICE)
-    for i, (joint, unit, tau) in enumerate(zip(
-            result.joint_names, result.torque_units, torque.values.T)):
-        ylabel = f'τ [{unit}]' if unit == 'N·m' else f'force [{unit}]'
-        ax = sheet.panel((i, 0), joint, ylabel)
-        sheet.line(ax, torque.t, tau, **_THIN)
-        drawing.steady_axis(ax, torque.t, tau)
-        ax = sheet.panel((i, 1), joint, ylabel, enlarged=True)
-        sheet.line(ax, torque.t, tau, **drawing.STEPS)
+    torque, n = result.torque, len(result.joint_names)
+    sheet = _RunFigure(result, 'Torques', name, n, (3.0, 1.35), 2.1 if n < 4 else 1.5, 0.2,
+                       paper_index=1)
+    for i, (joint, unit) in enumerate(zip(result.joint_names, result.torque_units)):
+        tau = torque.values[:, i]
+        whole, enlarged = sheet.pair(
+            i, joint, f'τ [{unit}]' if unit == 'N·m' else f'force [{unit}]')
+        sheet.line(whole, torque.t, tau, **_THIN)
+        drawing.steady_axis(whole, torque.t, tau)
+        sheet.line(enlarged, torque.t, tau, **drawing.STEPS)
     return sheet.figure
 
 
@@ -159,10 +149,9 @@ def internals(result: Result, name: RunName | None = None) -> Figure:
 
     v is the filtered error, and z the robust term of the law.
     """
-    terms, n = result.terms, _joint_count(result)
-    sheet = _RunFigure(
-        result, f'V, filtered error and robust term – {name or run_name(result)}', n + 1,
-        (1.5, 1.5, 1.2), 1.6, SHORT_SLICE)
+    terms = result.terms
+    sheet = _RunFigure(result, 'V, filtered error and robust term', name,
+                       len(result.joint_names) + 1, (1.5, 1.5, 1.2), 1.6, 0.2)
     ax = sheet.panel((0, slice(None)), 'Lyapunov function V = ½ vᵀ M(q) v', 'V [J]')
     sheet.line(ax, terms.t, terms.lyapunov, linewidth=0.9)
     drawing.log_axis(ax, terms.lyapunov)
@@ -178,19 +167,23 @@ def _draw_robust_term(sheet: _RunFigure, i: int) -> None:
     """Draw the robust term of a joint."""
     result, terms = sheet.result, sheet.result.terms
     symbol, z = _robust_symbol(result), terms.robust[:, i]
+    whole, enlarged = axes = sheet.pair(
+        i + 1, f'{result.joint_names[i]}: {symbol or "robust term"}',
+        f'z [{result.torque_units[i]}]')
+    sheet.line(whole, terms.t, z, linewidth=0.35, alpha=0.85)
     is_sparse = Series(terms.t, z, terms.origin).step > 1.5 * result.config.control_period
+    # Between sparse samples, the signal may be anything.
+    dots: dict[str, Any] = {'linestyle': 'none', 'marker': '.', 'markersize': 3.0}
+    sheet.line(enlarged, terms.t, z, **dots if is_sparse else drawing.STEPS)
     end = 1.25 * float(np.nanmax(np.abs(z), initial=0.0)) or 1.0
-    for column, style in ((1, {**_THIN, 'linewidth': 0.35}),
-                          (2, _DOTS if is_sparse else drawing.STEPS)):
-        ax = sheet.panel((i + 1, column), f'{result.joint_names[i]}: {symbol or "robust term"}',
-                         f'z [{result.torque_units[i]}]', enlarged=column == 2)
-        sheet.line(ax, terms.t, z, **style)
+    is_zero = len(z) > 0 and not z.any()
+    for ax in axes:
         ax.set_ylim(-end, end)
-        if len(z) and not z.any():
+        if is_zero:
             text = 'zero' if symbol else 'zero: not part of this law'
             drawing.label(ax, 0.5, 0.62, text, ha='center')
-        elif column == 1 and result.saturation and result.saturation[i].cause:
-            drawing.note(ax, result.saturation[i].cause)
+    if not is_zero and result.saturation and result.saturation[i].cause:
+        drawing.note(whole, result.saturation[i].cause)
 
 
 def _robust_symbol(result: Result) -> str:
@@ -234,25 +227,20 @@ def save_figures(results: Sequence[Result], directory: str | Path, extra: str = 
     """
     check_format(extra)
     for result in results:
-        _joint_count(result)
-    kinds = ('svg', extra)
+        _check_samples(result)
     files: list[FigureFile] = []
     used: set[str] = set()
     if len(results) > 1:
-        files += drawing.save([_comparison(results)], Path(directory), kinds, used)
+        caption = ('Sum of the absolute joint errors over time, on a logarithmic axis, with one '
+                   'panel per experiment.')
+        if any(x.metrics()['max_error_norm1_rad'] is not None for x in results):
+            caption += ' Errors are evaluated over the time in grey.'
+        comparison = ('comparison_error', error_comparison(results), caption)
+        files += drawing.save([comparison], Path(directory), ('svg', extra), used)
     for result, name in zip(results, run_names(results)):
-        files += [dataclasses.replace(file, group=str(name)) for file in drawing.save(
-            _figures(result, name), Path(directory), kinds, used)]
+        of_run = drawing.save(_figures(result, name), Path(directory), ('svg', extra), used)
+        files += [dataclasses.replace(file, group=str(name)) for file in of_run]
     return files
-
-
-def _comparison(results: Sequence[Result]) -> tuple[str, Figure, str]:
-    """Return name, figure and caption of a comparison."""
-    caption = ('Sum of the absolute joint errors over time, on a logarithmic axis, with one panel '
-               'per experiment.')
-    if any(x.metrics()['max_error_norm1_rad'] is not None for x in results):
-        caption += ' Errors are evaluated over the time in grey.'
-    return 'comparison_error', error_comparison(results), caption
 
 
 def _figures(result: Result, name: RunName) -> Iterator[tuple[str, Figure, str]]:
@@ -297,18 +285,25 @@ class _RunFigure:
     ----------
     result : Result
         Run with samples.
-    title : str
-        Title of the figure.
+    subject : str
+        Beginning of the figure's title.
+    name : RunName, optional
+        Name of the run in the title.
     rows, widths, height
         As of `drawing.sheet`.
     length : float
         Length of the slice [s]. It is longer around a change of law.
+    paper_index : int, optional
+        Index into `PAPER_FIGURES` of the figure that the paper also has.
 
     """
 
-    def __init__(self, result: Result, title: str, rows: int, widths: Sequence[float],
-                 height: float, length: float) -> None:
+    def __init__(self, result: Result, subject: str, name: RunName | None, rows: int,
+                 widths: Sequence[float], height: float, length: float,
+                 paper_index: int | None = None) -> None:
+        _check_samples(result)
         self.result, t = result, result.t
+        title = f'{subject} – {name or run_name(result)}{_paper_figure(result, paper_index)}'
         self.figure, self._grid = drawing.sheet(title, rows, widths, height)
         if result.marks:
             length *= 2.5
@@ -319,6 +314,12 @@ class _RunFigure:
         #: Times of the slice [s].
         self._slice = t[first:max(end, first + 1)]
         self._slices: list[Axes] = []
+
+    def pair(self, row: int, title: str, ylabel: str) -> tuple[Axes, Axes]:
+        """Return axes for the whole run, and the last ones for the slice."""
+        last = self._grid.ncols - 1
+        return (self.panel((row, last - 1), title, ylabel),
+                self.panel((row, last), title, ylabel, enlarged=True))
 
     def panel(self, cell: tuple[int, int | slice], title: str, ylabel: str,
               enlarged: bool = False) -> Axes:
@@ -359,18 +360,17 @@ class _RunFigure:
                      **{'color': run_colour(self.result), **style})
 
 
-def _joint_count(result: Result) -> int:
-    """Return the number of joints, or raise without samples."""
+def _check_samples(result: Result) -> None:
+    """Raise `CtcError` for a run without samples."""
     if not len(result.t):
         raise CtcError(f'{result.label}: the run has no samples, so there is nothing to draw')
-    return len(result.joint_names)
 
 
-def _paper_figure(result: Result, index: int) -> str:
+def _paper_figure(result: Result, index: int | None) -> str:
     """Return the paper's figure as suffix of a title."""
     numbers = PAPER_FIGURES.get((result.experiment, result.law))
     config = result.config
-    if (numbers is None or result.marks or config.model != 'two_link'
+    if (numbers is None or index is None or result.marks or config.model != 'two_link'
             or set(config.ka) != {10.0} or config.switching_in_force not in ('', 'sign')):
         return ''
     return f' (figure {numbers[index]} of the paper)'

@@ -31,17 +31,14 @@ from ctc_chattering.analysis.result import Result
 from ctc_chattering.control.laws.registry import LAWS
 from ctc_chattering.number_format import format_joint_values
 
-#: Colours after Okabe and Ito.
-_PALETTE = ('#D55E00', '#0072B2', '#B0428A', '#B8860B', '#56A0D3', '#6B4E2E', '#7F7F7F', '#7B5EA7',
-            '#8C1D40', '#009E9E', '#007A5A')
-#: Colour of each law in all figures and pages.
-LAW_COLOURS = dict(zip(LAWS, cycle(_PALETTE)))
+#: Colour of each law in all figures and pages, after Okabe and Ito.
+LAW_COLOURS = dict(zip(LAWS, cycle((
+    '#D55E00', '#0072B2', '#B0428A', '#B8860B', '#56A0D3', '#6B4E2E', '#7F7F7F', '#7B5EA7',
+    '#8C1D40', '#009E9E', '#007A5A'))))
 #: Colour of a run under several laws.
 SEVERAL_LAWS_COLOUR = '#1B1B1B'
 #: Share of white in the colours of further runs under a law; of black where it is negative.
 _SHADES = (0.0, 0.45, -0.45, 0.25, -0.25, 0.65)
-#: Gains that differ and are part of a name.
-_MAX_NAMED_GAINS = 3
 
 
 class RunName(NamedTuple):
@@ -100,8 +97,9 @@ def run_names(results: Sequence[Result]) -> list[RunName]:
         gains = [_gains(results[i]) for i in indices]
         differing = [key for key in gains[0] if len({x.get(key) for x in gains}) > 1]
         for i, values in zip(indices, gains):
-            _extend(names, i, ''.join(f', {key} {values[key]}'
-                                      for key in differing[:_MAX_NAMED_GAINS] if key in values))
+            # A name has three gains at most.
+            named = [key for key in differing[:3] if key in values]
+            _extend(names, i, ''.join(f', {key} {values[key]}' for key in named))
     for i in chain.from_iterable(_repeated(names)):
         if results[i].source:
             _extend(names, i, f', bag {results[i].source}')

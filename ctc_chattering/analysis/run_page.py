@@ -33,7 +33,7 @@ from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.result import METRICS, Result, write_metrics
 from ctc_chattering.analysis.run_names import gains_text, run_colours, run_names
 from ctc_chattering.analysis.run_samples import write_samples
-from ctc_chattering.analysis.signals import Series, SignalOrigin
+from ctc_chattering.analysis.signals import PARTS, Series, SignalOrigin
 from ctc_chattering.analysis.tables import Table
 from ctc_chattering.control.laws.registry import BASELINE_LAW
 from ctc_chattering.errors import ParameterError
@@ -45,12 +45,12 @@ from ctc_chattering.parameters import check_not_empty
 PLOT = 'ctc plot'
 #: The page in the directory of `write_runs`.
 PAGE = 'index.html'
+#: Signals that are terms of the law.
+_TERMS = ('v', 'V', *PARTS)
 #: Names of signals in the table of origins.
 _SIGNALS = {'q': 'position q', 'dq': 'velocity dq', 'q_d': 'reference q_d', 'e': 'error e',
             'torque': 'torque sent', 'v': 'filtered error v', 'V': 'V', 'nominal': 'nominal',
             'compensation': 'compensation', 'robust': 'robust'}
-#: Signals that come from the states and commands, not from terms of the law.
-_LOOP_SIGNALS = ('q', 'dq', 'q_d', 'e', 'torque')
 
 
 class Column(NamedTuple):
@@ -160,6 +160,8 @@ class _ErrorRatio(NamedTuple):
         if not self.error or not self.base_error:
             return 'no longer zero' if self.error else 'zero'
         ratio = max(self.base_error / self.error, self.error / self.base_error)
+        if ratio < 1.05:
+            return 'about the same'
         word = 'smaller' if self.error < self.base_error else 'larger'
         return f'{ratio:.{0 if ratio > 9.95 else 1}f}× {word}'
 
@@ -211,7 +213,7 @@ def _origin(result: Result, signal: str, series: Series) -> tuple[str, ...]:
     source = result.topics.get(signal, 'simulation')
     if series.received:
         source += ', each when the recorder received it'
-    elif result.replay and series.origin is SignalOrigin.COMPUTED and signal not in _LOOP_SIGNALS:
+    elif result.replay and series.origin is SignalOrigin.COMPUTED and signal in _TERMS:
         source += '; the law reproduces every recorded torque and term'
     step = f'{1e3 * series.step:.3g} ms' if series.step else ''
     return series.origin.value, source, str(len(series.t)), step

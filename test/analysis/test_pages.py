@@ -237,8 +237,8 @@ def test_the_page_of_runs_in_a_browser(started_browser: Any, tmp_path: Path) -> 
                    'x => x.getAttribute("stroke"))')
         eventually(lambda: {*page.evaluate(strokes)} == {
             LAW_COLOURS['compensation'], LAW_COLOURS['chattering']}, 'colours', page)
-        page.get_by_text('torque less that of the first run').click()
-        less = page.locator('.ctc-panel', has_text='torque less that of the first run')
+        page.get_by_text('torque minus that of the first run').click()
+        less = page.locator('.ctc-panel', has_text='torque minus that of the first run')
         eventually(lambda: less.count() == 7, 'differences', page)
         assert less.first.locator('.ctc-key').count() == 1
         assert page.locator('.ctc-panel').first.inner_text().count(HOSTILE[:9]) == 0

@@ -142,7 +142,7 @@ def test_real_time_on_a_busy_machine(tmp_path: Path) -> None:
     assert status == 0, output
     check_what_is_shown(bag, tmp_path / 'out')
     page = (tmp_path / 'out' / 'index.html').read_text()
-    assert 'Where the samples come from' in page
+    assert 'Origin of the samples' in page
     assert 'each when the recorder received it' in page
 
 
