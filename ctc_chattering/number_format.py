@@ -86,7 +86,8 @@ def format_value(value: Scalar | Sequence[Scalar | None], digits: int = 4) -> st
     """
     items = [value] if isinstance(value, Scalar) else value
     return ', '.join(
-        format_number(x, digits) if x is None or isinstance(x, float) else str(x) for x in items)
+        format_number(x, digits) if x is None or isinstance(x, float) else str(x) for x in items
+    )
 
 
 def format_interval(value: float, half_width: float, unit: str = '') -> str:

@@ -127,6 +127,7 @@ def _read_list(folder: Path) -> FileList:
 
 def _names(folder: Path) -> Iterator[str]:
     """Yield files, links and empty folders in order, without `LIST`."""
+
     def fail(error: OSError) -> None:
         raise error
 
@@ -177,11 +178,15 @@ def check_owner(path: Path, command: str) -> None:
             raise CtcError(f'{path}: is {kind_of(mode)}, not a folder; choose another --out')
         owner, first = _read_list(path).command, next(_names(path), '')
     if first and not owner:
-        raise CtcError(f'{path}: contains {first}, and no list of what ctc has written; choose '
-                       'a new or an empty folder as --out')
+        raise CtcError(
+            f'{path}: contains {first}, and no list of what ctc has written; choose '
+            'a new or an empty folder as --out'
+        )
     if first and owner != command:
-        raise CtcError(f'{path}: has the output of {owner}, which {command} does not replace; '
-                       'choose another --out')
+        raise CtcError(
+            f'{path}: has the output of {owner}, which {command} does not replace; '
+            'choose another --out'
+        )
 
 
 def _check_not_shared(path: Path) -> None:
@@ -190,13 +195,18 @@ def _check_not_shared(path: Path) -> None:
     shared = {'the working directory': Path.cwd()}
     with suppress(RuntimeError):  # A user may have no home.
         shared['the home folder'] = Path.home()
-    reasons = [f'is {name}, or above it' for name, folder in shared.items()
-               if folder.resolve().is_relative_to(resolved)]
+    reasons = [
+        f'is {name}, or above it'
+        for name, folder in shared.items()
+        if folder.resolve().is_relative_to(resolved)
+    ]
     if os.path.ismount(resolved):
         reasons.append('is the top of a file system')
     if reasons:
-        raise CtcError(f'{path}: {reasons[0]}; choose a folder for the output alone, such as '
-                       f'--out {path / "output"}')
+        raise CtcError(
+            f'{path}: {reasons[0]}; choose a folder for the output alone, such as '
+            f'--out {path / "output"}'
+        )
 
 
 def _check_writable(path: Path) -> None:
@@ -235,11 +245,14 @@ def check_folder(path: Path, command: str, overwrite: bool = False) -> None:
     contents = read_contents(path)
     written = [*contents.output, *contents.changed]
     if written and not overwrite:
-        raise CtcError(f'{path / written[0]}: exists already; choose another --out, or '
-                       '--overwrite')
+        raise CtcError(
+            f'{path / written[0]}: exists already; choose another --out, or --overwrite'
+        )
     if contents.changed:
-        raise CtcError(f'{path / contents.changed[0]}: was changed since {command} wrote it; move '
-                       'it away, or choose another --out')
+        raise CtcError(
+            f'{path / contents.changed[0]}: was changed since {command} wrote it; move '
+            'it away, or choose another --out'
+        )
 
 
 class OutputFolder:
@@ -362,11 +375,15 @@ class OutputFolder:
             target.parent.mkdir(parents=True, exist_ok=True)
             os.link(path, target, follow_symlinks=False)
         except (FileExistsError, NotADirectoryError):
-            raise CtcError(f'{path}: has the name of a file that {self.command} writes; move it '
-                           'away, or choose another --out') from None
+            raise CtcError(
+                f'{path}: has the name of a file that {self.command} writes; move it '
+                'away, or choose another --out'
+            ) from None
         except OSError as error:
-            raise CtcError(f'{path}: cannot stay beside the new output: {error.strerror}; move it '
-                           'away, or choose another --out') from None
+            raise CtcError(
+                f'{path}: cannot stay beside the new output: {error.strerror}; move it '
+                'away, or choose another --out'
+            ) from None
 
     def _check_unchanged(self, name: str) -> None:
         """
@@ -379,8 +396,9 @@ class OutputFolder:
             if parent != self.path and parent.is_relative_to(self.path) and parent.is_symlink():
                 raise CtcError(f'{parent}: is a link, which is not followed; remove it')
         if os.path.lexists(path) and not _read_list(self.path).is_unchanged(self.path, name):
-            raise CtcError(f'{path}: is not as {self.command} wrote it; move it away, or choose '
-                           'another --out')
+            raise CtcError(
+                f'{path}: is not as {self.command} wrote it; move it away, or choose another --out'
+            )
 
     def _note_file(self, name: str, content: Path) -> None:
         """Add a file with its digest to the list."""
@@ -478,8 +496,10 @@ def _lock(stream: BinaryIO, path: Path) -> None:
         except (BlockingIOError, FileNotFoundError):
             is_locked = False
         if not is_locked:
-            raise CtcError(f'{path}: another process is writing there; wait until it ends, or '
-                           'choose another --out')
+            raise CtcError(
+                f'{path}: another process is writing there; wait until it ends, or '
+                'choose another --out'
+            )
 
 
 def claim(path: Path, command: str, name: str) -> Path:

@@ -61,8 +61,9 @@ _METADATA = {'svg': {'Date': None}, 'pdf': {'CreationDate': None}, 'png': {'Soft
 _NOT_XML = re.compile(rb'[\x00-\x08\x0b\x0c\x0e-\x1f]')
 
 
-def sheet(title: str, rows: int, widths: Sequence[float], height: float,
-          left: float = 0.85) -> tuple[Figure, GridSpec]:
+def sheet(
+    title: str, rows: int, widths: Sequence[float], height: float, left: float = 0.85
+) -> tuple[Figure, GridSpec]:
     """
     Return a figure with cells for panels.
 
@@ -77,13 +78,28 @@ def sheet(title: str, rows: int, widths: Sequence[float], height: float,
     whole_height = top + bottom + rows * height + (rows - 1) * gap
     figure = Figure(figsize=(whole_width, whole_height), facecolor='white')
     FigureCanvasAgg(figure)
-    figure.suptitle(title, x=0.15 / whole_width, y=1.0 - 0.16 / whole_height, ha='left', va='top',
-                    fontsize=13, weight='bold', parse_math=False)
+    figure.suptitle(
+        title,
+        x=0.15 / whole_width,
+        y=1.0 - 0.16 / whole_height,
+        ha='left',
+        va='top',
+        fontsize=13,
+        weight='bold',
+        parse_math=False,
+    )
     width = (whole_width - left - right) / len(widths)
     return figure, figure.add_gridspec(
-        rows, len(widths), width_ratios=list(widths), left=left / whole_width,
-        right=1.0 - right / whole_width, bottom=bottom / whole_height,
-        top=1.0 - top / whole_height, hspace=gap / height, wspace=side / (width - side))
+        rows,
+        len(widths),
+        width_ratios=list(widths),
+        left=left / whole_width,
+        right=1.0 - right / whole_width,
+        bottom=bottom / whole_height,
+        top=1.0 - top / whole_height,
+        hspace=gap / height,
+        wspace=side / (width - side),
+    )
 
 
 def column_count(panels: int) -> int:
@@ -135,8 +151,9 @@ def legend(figure: Figure, handles: Sequence[Any]) -> None:
     columns = max(1, min(len(names), columns))
     row_count = -(-len(names) // columns)
     # Matplotlib fills one column after the other. A line is 0.19 inch high.
-    lines = sum(1 + max(name.count('\n') for name in names[k::row_count])
-                for k in range(row_count))
+    lines = sum(
+        1 + max(name.count('\n') for name in names[k::row_count]) for k in range(row_count)
+    )
     added = 0.19 * lines + 0.06
     scale = height / (height + added)
     figure.set_size_inches(width, height + added)
@@ -149,9 +166,18 @@ def legend(figure: Figure, handles: Sequence[Any]) -> None:
         text.set_y(text.get_position()[1] * scale)
     top = 0.23 + 0.22 * len(title.get_text().splitlines())
     drawn = figure.legend(
-        list(handles), names, loc='upper left', ncol=columns, frameon=False, fontsize=9,
-        bbox_to_anchor=(0.15 / width, 1.0 - top / (height + added)), borderaxespad=0.0,
-        borderpad=0.0, handlelength=1.8, columnspacing=1.6)
+        list(handles),
+        names,
+        loc='upper left',
+        ncol=columns,
+        frameon=False,
+        fontsize=9,
+        bbox_to_anchor=(0.15 / width, 1.0 - top / (height + added)),
+        borderaxespad=0.0,
+        borderpad=0.0,
+        handlelength=1.8,
+        columnspacing=1.6,
+    )
     for text in drawn.get_texts():
         text.set_parse_math(False)
 
@@ -169,8 +195,12 @@ def legend_of(*panels: Axes) -> None:
     legend(panels[0].figure, list(handles.values()))  # type: ignore[arg-type]
 
 
-def save(figures: Iterable[tuple[str, Figure, str]], directory: Path, kinds: Sequence[str],
-         used: set[str] | None = None) -> list[FigureFile]:
+def save(
+    figures: Iterable[tuple[str, Figure, str]],
+    directory: Path,
+    kinds: Sequence[str],
+    used: set[str] | None = None,
+) -> list[FigureFile]:
     """
     Write figures as files.
 
@@ -202,8 +232,15 @@ def save(figures: Iterable[tuple[str, Figure, str]], directory: Path, kinds: Seq
         for path in paths:
             write_bytes(path, _content(figure, path.suffix[1:]))
         width, height = 96.0 * figure.get_size_inches()
-        files.append(FigureFile(paths[0], figure.texts[0].get_text(), caption, tuple(paths[1:]),
-                                (round(width), round(height))))
+        files.append(
+            FigureFile(
+                paths[0],
+                figure.texts[0].get_text(),
+                caption,
+                tuple(paths[1:]),
+                (round(width), round(height)),
+            )
+        )
     return files
 
 
@@ -223,8 +260,12 @@ def fit(figure: Figure) -> Figure:
         left, right = ax._left_title, ax._right_title  # type: ignore[attr-defined]
         right_width = max(int(0.5 * width), int(width) - 2 - len(left.get_text()))
         right_width = min(len(right.get_text()), right_width)
-        limits = {ax.xaxis.label: width, ax.yaxis.label: height, right: right_width,
-                  left: width - right_width - 2}
+        limits = {
+            ax.xaxis.label: width,
+            ax.yaxis.label: height,
+            right: right_width,
+            left: width - right_width - 2,
+        }
         for text, limit in limits.items():
             lines = text.get_text().split('\n')
             text.set_text('\n'.join(cut(line, max(int(limit), 8)) for line in lines))
@@ -237,9 +278,13 @@ def _disable_math(figure: Figure) -> None:
 
     Powers of ten along logarithmic axes remain.
     """
-    formulas = {text for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)
-                if isinstance(axis.get_major_formatter(), LogFormatter)
-                for text in axis.get_ticklabels(which='both')}
+    formulas = {
+        text
+        for ax in figure.axes
+        for axis in (ax.xaxis, ax.yaxis)
+        if isinstance(axis.get_major_formatter(), LogFormatter)
+        for text in axis.get_ticklabels(which='both')
+    }
     for text in figure.findobj(Text):
         if text not in formulas:
             text.set_parse_math(False)
@@ -270,8 +315,11 @@ def line(ax: Axes, t: Array, y: Array, period: float, **style: Any) -> None:
     shown = np.union1d(envelope(y), np.concatenate((gaps, gaps + 1)))
     after = np.searchsorted(shown, gaps) + 1
     t, y = t[shown], y[shown]
-    ax.plot(np.insert(t, after, t[after - 1]), np.insert(y, after, np.nan),
-            **{'linewidth': 1.3, 'marker': '.' if len(t) < 4 else None, **style})
+    ax.plot(
+        np.insert(t, after, t[after - 1]),
+        np.insert(y, after, np.nan),
+        **{'linewidth': 1.3, 'marker': '.' if len(t) < 4 else None, **style},
+    )
 
 
 def envelope(y: Array) -> npt.NDArray[np.intp]:
@@ -287,8 +335,11 @@ def envelope(y: Array) -> npt.NDArray[np.intp]:
     width = -(-len(y) // COLUMNS)
     columns = np.append(y, np.full(-len(y) % width, y[-1])).reshape(-1, width)
     is_finite = np.isfinite(columns)
-    picked = [np.where(is_finite, columns, np.inf).argmin(axis=1),
-              np.where(is_finite, columns, -np.inf).argmax(axis=1), is_finite.argmin(axis=1)]
+    picked = [
+        np.where(is_finite, columns, np.inf).argmin(axis=1),
+        np.where(is_finite, columns, -np.inf).argmax(axis=1),
+        is_finite.argmin(axis=1),
+    ]
     starts = width * np.arange(len(columns))
     indices = np.concatenate([[0], *(starts + x for x in picked), [len(y) - 1]])
     return np.unique(np.minimum(indices, len(y) - 1))
@@ -303,9 +354,15 @@ def shade_gaps(ax: Axes, t: Array, period: float) -> None:
     gaps = _gaps(t, period)
     if len(gaps):
         ax.broken_barh(
-            list(zip(t[gaps], t[gaps + 1] - t[gaps])), (0.0, 1.0), facecolor='none',
-            edgecolor='#999999', hatch='////', linewidth=0, zorder=0,
-            transform=ax.get_xaxis_transform())
+            list(zip(t[gaps], t[gaps + 1] - t[gaps])),
+            (0.0, 1.0),
+            facecolor='none',
+            edgecolor='#999999',
+            hatch='////',
+            linewidth=0,
+            zorder=0,
+            transform=ax.get_xaxis_transform(),
+        )
 
 
 def _gaps(t: Array, period: float) -> Any:
@@ -316,8 +373,9 @@ def _gaps(t: Array, period: float) -> Any:
 def note(ax: Axes, text: str) -> None:
     """Write `text` above the axes, on the right."""
     notes = filter(None, (ax.get_title('right'), text))
-    ax.set_title('; '.join(notes), loc='right', fontsize=9, color='#666666', pad=4,
-                 parse_math=False)
+    ax.set_title(
+        '; '.join(notes), loc='right', fontsize=9, color='#666666', pad=4, parse_math=False
+    )
 
 
 def label(ax: Axes, x: float, y: float, text: str, **style: Any) -> None:
@@ -329,9 +387,17 @@ def mark(ax: Axes, time: float, name: str = '') -> None:
     """Draw a vertical line at `time`, with its name."""
     ax.axvline(time, color=REFERENCE, linewidth=1.0, linestyle=(0, (1, 1.5)))
     if name:
-        ax.annotate(f'→ {name}', (time, 1.0), xycoords=ax.get_xaxis_transform(),
-                    xytext=(3, -1), textcoords='offset points', va='top', fontsize=9,
-                    color=_TEXT, annotation_clip=True)
+        ax.annotate(
+            f'→ {name}',
+            (time, 1.0),
+            xycoords=ax.get_xaxis_transform(),
+            xytext=(3, -1),
+            textcoords='offset points',
+            va='top',
+            fontsize=9,
+            color=_TEXT,
+            annotation_clip=True,
+        )
 
 
 def log_axis(ax: Axes, y: Array) -> None:

@@ -33,8 +33,15 @@ from ctc_chattering.simulation.closed_loop import Array
 import numpy as np
 
 #: What stands behind the unit of a joint's position, by signal. The torque has a unit of its own.
-_UNIT_SUFFIXES = {'q': '', 'dq': '/s', 'q_d': '', 'dq_d': '/s', 'ddq_d': '/s²', 'tau': '',
-                  'v': '/s'}
+_UNIT_SUFFIXES = {
+    'q': '',
+    'dq': '/s',
+    'q_d': '',
+    'dq_d': '/s',
+    'ddq_d': '/s²',
+    'tau': '',
+    'v': '/s',
+}
 
 
 def commands_path(path: Path) -> Path:
@@ -94,8 +101,9 @@ def export(result: Result, path: str | Path) -> None:
         arrays = {name: getattr(result.run, name) for name in _UNIT_SUFFIXES}
         _write_csv(result, path, result.run.t, arrays)
         if result.commands is not None:
-            _write_csv(result, commands_path(path), result.commands.t,
-                       {'tau': result.commands.values})
+            _write_csv(
+                result, commands_path(path), result.commands.t, {'tau': result.commands.values}
+            )
     else:
         raise ParameterError('path', str(path), 'a name that ends in .npz or .csv')
 
@@ -104,16 +112,30 @@ def _write_arrays(result: Result, stream: BinaryIO) -> None:
     """Write the arrays of a run in NumPy's format."""
     law_terms: dict[str, Any] = {}
     if result.law_terms is not None:
-        law_terms = {'terms_t': result.law_terms.t, **{
-            name: getattr(result.law_terms, name)
-            for name in ('nominal', 'compensation', 'robust', 'lyapunov')}}
+        law_terms = {
+            'terms_t': result.law_terms.t,
+            **{
+                name: getattr(result.law_terms, name)
+                for name in ('nominal', 'compensation', 'robust', 'lyapunov')
+            },
+        }
     origins = result.origins
     np.savez(
-        stream, **vars(result.run), command_t=result.torque.t, command=result.torque.values,
-        **law_terms, signals=list(origins), origins=[x.value for x in origins.values()],
-        joint_names=result.joint_names, position_units=result.position_units,
-        torque_units=result.torque_units, control_period=result.config.control_period,
-        law=result.law, switching=result.config.switching, **result.gains)
+        stream,
+        **vars(result.run),
+        command_t=result.torque.t,
+        command=result.torque.values,
+        **law_terms,
+        signals=list(origins),
+        origins=[x.value for x in origins.values()],
+        joint_names=result.joint_names,
+        position_units=result.position_units,
+        torque_units=result.torque_units,
+        control_period=result.config.control_period,
+        law=result.law,
+        switching=result.config.switching,
+        **result.gains,
+    )
 
 
 def _write_csv(result: Result, path: Path, t: Array, arrays: Mapping[str, Array]) -> None:
@@ -125,8 +147,10 @@ def _write_csv(result: Result, path: Path, t: Array, arrays: Mapping[str, Array]
     heads, columns = ['t [s]'], [t]
     for name, values in arrays.items():
         units = result.torque_units if name == 'tau' else result.position_units
-        heads += [f'{name}_{joint} [{unit}{_UNIT_SUFFIXES[name]}]'
-                  for joint, unit in zip(result.joint_names, units)]
+        heads += [
+            f'{name}_{joint} [{unit}{_UNIT_SUFFIXES[name]}]'
+            for joint, unit in zip(result.joint_names, units)
+        ]
         columns += [*values.T]
     with replacing(path) as stream:
         text = io.TextIOWrapper(stream, 'utf-8', 'backslashreplace', newline='')

@@ -41,8 +41,13 @@ def _source(name: str) -> str:
     return files(package).joinpath(file).read_text('utf-8')
 
 
-_ENVIRONMENT = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-                           lstrip_blocks=True, loader=FunctionLoader(_source))
+_ENVIRONMENT = Environment(
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    loader=FunctionLoader(_source),
+)
 
 
 @lru_cache(maxsize=256)
@@ -92,16 +97,27 @@ def component() -> Markup:
 
     The script defines the object `ctcPlots`, which plots.js describes.
     """
-    read = {name: asset('ctc_chattering.analysis', f'web/{name}') for name in (
-        'uPlot.min.css', 'plots.css', 'uPlot.LICENSE', 'uPlot.iife.min.js', 'samples.js',
-        'panel.js', 'svg.js', 'plots.js')}
+    read = {
+        name: asset('ctc_chattering.analysis', f'web/{name}')
+        for name in (
+            'uPlot.min.css',
+            'plots.css',
+            'uPlot.LICENSE',
+            'uPlot.iife.min.js',
+            'samples.js',
+            'panel.js',
+            'svg.js',
+            'plots.js',
+        )
+    }
     return fragment(
         '<style>{{ read["uPlot.min.css"] }}{{ read["plots.css"] }}</style>\n<script>\n'
         '/*{{ read["uPlot.LICENSE"] }}*/\n{{ read["uPlot.iife.min.js"] }}\n'
         'const ctcPlots = (() => {\n"use strict";\n{{ read["samples.js"] }}\n'
         '{{ read["panel.js"] }}\n{{ read["svg.js"] }}\n{{ read["plots.js"] }}'
         'return { mount: (...given) => new Plots(...given), inflated };\n})();\n</script>',
-        read=read)
+        read=read,
+    )
 
 
 def url(path: str) -> str:

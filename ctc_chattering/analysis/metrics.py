@@ -65,8 +65,13 @@ def within(t: Array, window: tuple[float, float]) -> npt.NDArray[np.bool_]:
     return (t >= window[0] - 1e-9) & (t <= window[1] + 1e-9)
 
 
-def metrics(run: Run, window: tuple[float, float] = WINDOW, period: float | None = None,
-            torque: Series | None = None, v: Series | None = None) -> dict[str, Any]:
+def metrics(
+    run: Run,
+    window: tuple[float, float] = WINDOW,
+    period: float | None = None,
+    torque: Series | None = None,
+    v: Series | None = None,
+) -> dict[str, Any]:
     """
     Return the numbers of one run for ``metrics.json``.
 
@@ -96,27 +101,36 @@ def metrics(run: Run, window: tuple[float, float] = WINDOW, period: float | None
     t = run.t
     inside = within(t, window)
     numbers: dict[str, Any] = {
-        'window_s': list(window), 'rms_error_rad': None, 'max_error_norm1_rad': None,
-        'rms_torque_nm': None, **dict.fromkeys(_CHANGES),
+        'window_s': list(window),
+        'rms_error_rad': None,
+        'max_error_norm1_rad': None,
+        'rms_torque_nm': None,
+        **dict.fromkeys(_CHANGES),
         'reaching_time_s': reaching_time(t, run.v) if v is None else reaching_time(v.t, v.values),
-        'missing_samples': None, 'notes': []}
+        'missing_samples': None,
+        'notes': [],
+    }
     if inside.sum() < 2:
         span = f', from {t[0]:.4g} s to {t[-1]:.4g} s,' if len(t) else ''
         count = 'one sample only' if inside.any() else 'no sample'
-        numbers['notes'].append(f'metrics are computed from {window[0]:g} s to {window[1]:g} s, '
-                                f'where this run{span} has {count}')
+        numbers['notes'].append(
+            f'metrics are computed from {window[0]:g} s to {window[1]:g} s, '
+            f'where this run{span} has {count}'
+        )
         return numbers
     # With the samples of a joint one after the other in memory, sums take a fifth of the time.
     e = np.asfortranarray((run.q_d - run.q)[inside])
     numbers |= {
         'rms_error_rad': rms(e).tolist(),
         'max_error_norm1_rad': float(np.abs(e).sum(axis=1).max()),
-        'missing_samples': int(missing(t[inside], period).sum()) if period else 0}
+        'missing_samples': int(missing(t[inside], period).sum()) if period else 0,
+    }
     if torque is None:
         return numbers | _torque_numbers(t[inside], run.tau[inside], period)
     inside = within(torque.t, window)
     return numbers | _torque_numbers(
-        torque.t[inside], torque.values[inside], period, torque.received)
+        torque.t[inside], torque.values[inside], period, torque.received
+    )
 
 
 def error_shares(run: Run, rms_error: Sequence[float]) -> Array:
@@ -141,8 +155,9 @@ def error_shares(run: Run, rms_error: Sequence[float]) -> Array:
     return shares
 
 
-def _torque_numbers(t: Array, tau: Array, period: float | None, received: bool = False
-                    ) -> dict[str, list[float]]:
+def _torque_numbers(
+    t: Array, tau: Array, period: float | None, received: bool = False
+) -> dict[str, list[float]]:
     """
     Return the numbers of torques, shape (N, n).
 
@@ -164,12 +179,18 @@ def _torque_numbers(t: Array, tau: Array, period: float | None, received: bool =
     step = np.where(are_neighbours, step, 0.0)
     time = np.where(are_neighbours, dt, 0.0).sum(axis=1)
     rate = step / (np.maximum(dt, period or 0.0) if received else dt)
-    changes: Array = np.array([
-        step.sum(axis=1) / np.where(time > 0.0, time, np.nan),
-        step.max(axis=1, initial=0.0), rate.max(axis=1, initial=0.0)])
+    changes: Array = np.array(
+        [
+            step.sum(axis=1) / np.where(time > 0.0, time, np.nan),
+            step.max(axis=1, initial=0.0),
+            rate.max(axis=1, initial=0.0),
+        ]
+    )
     changes[:, ~are_neighbours.any(axis=1)] = np.nan
-    return {'rms_torque_nm': np.sqrt(square / np.where(count, count, np.nan)).tolist(),
-            **dict(zip(_CHANGES, changes.tolist()))}
+    return {
+        'rms_torque_nm': np.sqrt(square / np.where(count, count, np.nan)).tolist(),
+        **dict(zip(_CHANGES, changes.tolist())),
+    }
 
 
 def rms(x: Array) -> Array:

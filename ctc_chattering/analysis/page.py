@@ -185,8 +185,14 @@ class Section(NamedTuple):
     items: Sequence[Item]
 
 
-def write_page(path: Path, headline: str, lead: str, sections: Sequence[Section],
-               links: Sequence[tuple[str, str]] = (), command: str = '') -> None:
+def write_page(
+    path: Path,
+    headline: str,
+    lead: str,
+    sections: Sequence[Section],
+    links: Sequence[tuple[str, str]] = (),
+    command: str = '',
+) -> None:
     """
     Write a page.
 
@@ -212,12 +218,26 @@ def write_page(path: Path, headline: str, lead: str, sections: Sequence[Section]
     filler = _TemplateFiller(path.parent)
     shown = [filler.section(k, x) for k, x in enumerate((x for x in sections if x.items), 1)]
     entries = sum(1 + len(x['index']) for x in shown)
-    styles = {name: markup.asset(_PACKAGE, f'web/page.{ending}')
-              for name, ending in (('style', 'css'), ('script', 'js'))}
-    write_text(path, markup.page(
-        _PACKAGE, 'web/page.html', headline=headline, lead=lead, sections=shown, links=links,
-        command=command, version=ctc_chattering.__version__, index=entries >= 6, **styles,
-        component=markup.component() if filler.has_plots else ''))
+    styles = {
+        name: markup.asset(_PACKAGE, f'web/page.{ending}')
+        for name, ending in (('style', 'css'), ('script', 'js'))
+    }
+    write_text(
+        path,
+        markup.page(
+            _PACKAGE,
+            'web/page.html',
+            headline=headline,
+            lead=lead,
+            sections=shown,
+            links=links,
+            command=command,
+            version=ctc_chattering.__version__,
+            index=entries >= 6,
+            **styles,
+            component=markup.component() if filler.has_plots else '',
+        ),
+    )
 
 
 class _TemplateFiller:
@@ -239,8 +259,12 @@ class _TemplateFiller:
     def section(self, number: int, section: Section) -> dict[str, Any]:
         """Return a section, with the entries of its items in the index: anchor and text."""
         items = [self._item(x) for x in section.items]
-        return {'title': section.title, 'anchor': f'section{number}', 'items': items,
-                'index': [(x['anchor'], x['entry']) for x in items if x['entry']]}
+        return {
+            'title': section.title,
+            'anchor': f'section{number}',
+            'items': items,
+            'index': [(x['anchor'], x['entry']) for x in items if x['entry']],
+        }
 
     def _item(self, item: Item) -> dict[str, Any]:
         """Return an item with what the template cannot compute."""
@@ -249,20 +273,35 @@ class _TemplateFiller:
         values: dict[str, Any] = {'kind': type(item).__name__, 'value': item}
         if isinstance(item, FigureFile | SignalPlots):
             number = next(self._numbers)
-            values |= {'number': number, 'anchor': f'figure{number}',
-                       'entry': f'Figure {number}. {entry}'}
+            values |= {
+                'number': number,
+                'anchor': f'figure{number}',
+                'entry': f'Figure {number}. {entry}',
+            }
         else:
             values |= {'anchor': f'part{next(self._anchors)}', 'entry': entry}
         if isinstance(item, FigureFile):
             values['links'] = [self._relative(x) for x in (item.path, *item.copies)]
         elif isinstance(item, SignalPlots):
             self.has_plots = True
-            runs = [{'name': x.name, 'key': x.path.stem, 'colour': x.colour,
-                     'received': x.received, 'path': markup.url(self._relative(x.path))}
-                    for x in item.runs]
+            runs = [
+                {
+                    'name': x.name,
+                    'key': x.path.stem,
+                    'colour': x.colour,
+                    'received': x.received,
+                    'path': markup.url(self._relative(x.path)),
+                }
+                for x in item.runs
+            ]
             values['data'] = {
-                'joints': item.joints, 'units': item.units, 'mark': item.mark,
-                'settled': item.settled, 'signals': item.signals, 'runs': runs}
+                'joints': item.joints,
+                'units': item.units,
+                'mark': item.mark,
+                'settled': item.settled,
+                'signals': item.signals,
+                'runs': runs,
+            }
         elif isinstance(item, Table):
             values['spans'] = list(_row_spans(item.rows))
         elif isinstance(item, Folded):

@@ -80,7 +80,8 @@ class _RunArrays:
     e: Array = _run_array('e', 'the position error q_d - q, shape (N, n) [rad]')
     de: Array = _run_array('de', 'the velocity error dq_d - dq, shape (N, n) [rad/s]')
     tau: Array = _run_array(
-        'tau', 'the torque sent at the sample, shape (N, n) [N·m]; nan where it is unknown')
+        'tau', 'the torque sent at the sample, shape (N, n) [N·m]; nan where it is unknown'
+    )
     v: Array = _run_array('v', 'the filtered error of equation (3), shape (N, n) [rad/s]')
 
 
@@ -154,8 +155,10 @@ class Result(_RunArrays):
         """Return the run in a line, with its RMS errors."""
         error = format_numbers(metrics(self.run, self.window)['rms_error_rad'])
         begin, end = self.window
-        return (f'<{self.label}: {len(self.run.t)} samples, RMS error {error} from {begin:g} to '
-                f'{end:g} s>')
+        return (
+            f'<{self.label}: {len(self.run.t)} samples, RMS error {error} from {begin:g} to '
+            f'{end:g} s>'
+        )
 
     @cached_property
     def terms(self) -> RunTerms:
@@ -165,7 +168,8 @@ class Result(_RunArrays):
         Those of a bag are recorded, every Nth sample, unless they can be computed exactly.
         """
         return self.law_terms or terms(
-            self.run, self.configs, model_of(self.config, self.description))
+            self.run, self.configs, model_of(self.config, self.description)
+        )
 
     @property
     def torque(self) -> Series:
@@ -186,13 +190,17 @@ class Result(_RunArrays):
         run, law = self.run, self.terms
         signs = {'nominal': 1.0, 'compensation': -1.0, 'robust': -1.0}
         at_states = {'q': run.q, 'dq': run.dq, 'q_d': run.q_d, 'e': run.e}
-        at_terms = {'v': law.v, 'V': law.lyapunov[:, None],
-                    **{name: signs[name] * getattr(law, name) for name in PARTS}}
+        at_terms = {
+            'v': law.v,
+            'V': law.lyapunov[:, None],
+            **{name: signs[name] * getattr(law, name) for name in PARTS},
+        }
         origins = self.origins
         return {
             **{name: Series(run.t, x, origins[name]) for name, x in at_states.items()},
             'torque': self.torque,
-            **{name: Series(law.t, x, origins[name]) for name, x in at_terms.items()}}
+            **{name: Series(law.t, x, origins[name]) for name, x in at_terms.items()},
+        }
 
     @property
     def origins(self) -> dict[str, SignalOrigin]:
@@ -202,7 +210,8 @@ class Result(_RunArrays):
             **dict.fromkeys(('q', 'dq'), self._origin_of_states),
             **dict.fromkeys(('q_d', 'e'), SignalOrigin.COMPUTED),
             'torque': self.torque.origin,
-            **dict.fromkeys(('v', 'V', *PARTS), of_terms)}
+            **dict.fromkeys(('v', 'V', *PARTS), of_terms),
+        }
 
     @property
     def config(self) -> ControllerConfig:
@@ -226,15 +235,18 @@ class Result(_RunArrays):
     @property
     def changes(self) -> list[tuple[float, str]]:
         """Return the changes of law: time [s] and new law."""
-        return [(t, new.law) for (_, old), (t, new) in pairwise(self.configs)
-                if new.law != old.law]
+        return [
+            (t, new.law) for (_, old), (t, new) in pairwise(self.configs) if new.law != old.law
+        ]
 
     @property
     def marks(self) -> list[tuple[float, str]]:
         """Return the changes of law or switching: time [s] and new one."""
-        return [(t, new.law if new.law != old.law else new.switching)
-                for (_, old), (t, new) in pairwise(self.configs)
-                if (new.law, new.switching) != (old.law, old.switching)]
+        return [
+            (t, new.law if new.law != old.law else new.switching)
+            for (_, old), (t, new) in pairwise(self.configs)
+            if (new.law, new.switching) != (old.law, old.switching)
+        ]
 
     @property
     def laws(self) -> str:
@@ -266,12 +278,21 @@ class Result(_RunArrays):
         """Return the gains at the end, by parameter name."""
         config = self.config
         values = config.as_mapping()
-        names = ['kp', 'kv', *(
-            name for name, spec in config.parameters().items()
-            if name in config.law_parameters and spec.kind.startswith('float')
-            and OF_SWITCHING.get(name, config.switching) == config.switching)]
-        return {name: list(values[name]) if isinstance(values[name], tuple) else values[name]
-                for name in names}
+        names = [
+            'kp',
+            'kv',
+            *(
+                name
+                for name, spec in config.parameters().items()
+                if name in config.law_parameters
+                and spec.kind.startswith('float')
+                and OF_SWITCHING.get(name, config.switching) == config.switching
+            ),
+        ]
+        return {
+            name: list(values[name]) if isinstance(values[name], tuple) else values[name]
+            for name in names
+        }
 
     @cached_property
     def missing(self) -> npt.NDArray[np.int64]:
@@ -307,12 +328,12 @@ class Result(_RunArrays):
 
     @property
     def _terms_are_sparse(self) -> bool:
-        """True if the terms of most samples are unknown."""
+        """Return whether the terms of most samples are unknown."""
         return 2 * len(self.terms.t) < len(self.run.t)
 
     @property
     def _has_both_units(self) -> bool:
-        """True if some joints are prismatic and others not."""
+        """Return whether some joints are prismatic and others not."""
         return len(set(self.position_units)) > 1
 
     def metrics(self) -> dict[str, Any]:
@@ -329,39 +350,60 @@ class Result(_RunArrays):
 
         """
         numbers = metrics(
-            self.run, self.window, period=self.config.control_period, torque=self.torque,
-            v=None if self.law_terms is None else self.signals['v'])
+            self.run,
+            self.window,
+            period=self.config.control_period,
+            torque=self.torque,
+            v=None if self.law_terms is None else self.signals['v'],
+        )
         if self._has_both_units:
             numbers['max_error_norm1_rad'] = None
         return {
-            'experiment': self.experiment, 'bag': self.source or None, 'law': self.law,
-            'switching': self.config.switching, 'control_period_s': self.config.control_period,
+            'experiment': self.experiment,
+            'bag': self.source or None,
+            'law': self.law,
+            'switching': self.config.switching,
+            'control_period_s': self.config.control_period,
             'joint_names': list(self.joint_names),
             'position_units': list(self.position_units),
-            'torque_units': list(self.torque_units), 'gains': self.gains, **numbers,
+            'torque_units': list(self.torque_units),
+            'gains': self.gains,
+            **numbers,
             'term_at_bound': self.saturation and [x.fraction for x in self.saturation],
             'origins': {name: origin.value for name, origin in self.origins.items()},
-            'notes': [*numbers['notes'], *self._notes(),
-                      *self._notes_on_errors(numbers['rms_error_rad'])]}
+            'notes': [
+                *numbers['notes'],
+                *self._notes(),
+                *self._notes_on_errors(numbers['rms_error_rad']),
+            ],
+        }
 
     def _notes(self) -> Iterator[str]:
         """Yield facts that numbers alone would hide."""
         begin, end = self.window
         if self.window == window_of(self.run.t) != WINDOW:
-            yield (f'metrics are computed from {begin:.4g} s to {end:.4g} s, the second half of '
-                   f'the run, because it has too little of {WINDOW[0]:g} s to {WINDOW[1]:g} s')
+            yield (
+                f'metrics are computed from {begin:.4g} s to {end:.4g} s, the second half of '
+                f'the run, because it has too little of {WINDOW[0]:g} s to {WINDOW[1]:g} s'
+            )
         if self._has_both_units:
-            yield ('there is no sum of errors, because prismatic joints have errors in m and the '
-                   'others in rad')
+            yield (
+                'there is no sum of errors, because prismatic joints have errors in m and the '
+                'others in rad'
+            )
         lost = int(self.missing.sum())
         if lost:
             source = 'all commands' if self.torque.received else 'consecutive ones'
-            yield (f'{lost} of {lost + len(self.run.t)} samples are missing; errors are computed '
-                   f'from the others, the torque variation from {source}')
+            yield (
+                f'{lost} of {lost + len(self.run.t)} samples are missing; errors are computed '
+                f'from the others, the torque variation from {source}'
+            )
         if self.off_reference:
             first, last = self.off_reference
-            yield (f'between {first:.4g} s and {last:.4g} s the controller did not always follow '
-                   'the reference, for example after a pause; errors are those to the reference')
+            yield (
+                f'between {first:.4g} s and {last:.4g} s the controller did not always follow '
+                'the reference, for example after a pause; errors are those to the reference'
+            )
         yield from self._notes_on_terms()
         for name, saturation in zip(self.joint_names, self.saturation or ()):
             if saturation.cause:
@@ -375,11 +417,16 @@ class Result(_RunArrays):
         large = np.flatnonzero(shares > WARN_ERROR_SHARE)
         if len(large):
             percent = [f'{100.0 * x:.0f}' for x in (shares[large].min(), shares[large].max())]
-            cure = 'Set ka above friction and disturbance' if self.config.takes('ka') else (
-                'Choose a law that takes friction into account (docs/laws.md)')
-            yield (f'{shorten([self.joint_names[i] for i in large])}: the RMS error is '
-                   f'{" to ".join(dict.fromkeys(percent))} % of the amplitude of the motion. '
-                   f'{cure}, or raise kp and kv')
+            cure = (
+                'Set ka above friction and disturbance'
+                if self.config.takes('ka')
+                else ('Choose a law that takes friction into account (docs/laws.md)')
+            )
+            yield (
+                f'{shorten([self.joint_names[i] for i in large])}: the RMS error is '
+                f'{" to ".join(dict.fromkeys(percent))} % of the amplitude of the motion. '
+                f'{cure}, or raise kp and kv'
+            )
 
     def _notes_on_terms(self) -> Iterator[str]:
         """Yield the reason if the law is not recomputed."""
@@ -391,12 +438,19 @@ class Result(_RunArrays):
             origin = f'are those that the controller published, every {1e3 * step:.3g} ms'
         yield f'{self.replay}; therefore v, V and the parts of the torque {origin}'
         if self._terms_are_sparse and self.config.takes('ka'):
-            yield ('how often the chattering term is at its bound is not known; record with '
-                   'state_decimation 1')
+            yield (
+                'how often the chattering term is at its bound is not known; record with '
+                'state_decimation 1'
+            )
 
 
-def simulate(setup: Setup, progress: Callable[[float], None] | None = None, truth: bool = False,
-             robot: Plant | None = None, model: Model | None = None) -> Result:
+def simulate(
+    setup: Setup,
+    progress: Callable[[float], None] | None = None,
+    truth: bool = False,
+    robot: Plant | None = None,
+    model: Model | None = None,
+) -> Result:
     """
     Simulate the closed loop without ROS.
 
@@ -440,10 +494,16 @@ def simulate(setup: Setup, progress: Callable[[float], None] | None = None, trut
     """
     description = setup.descriptions.get('controller', '')
     run = run_closed_loop(
-        setup.plant, setup.controller, setup.reference, setup.events, progress, truth,
+        setup.plant,
+        setup.controller,
+        setup.reference,
+        setup.events,
+        progress,
+        truth,
         route=setup.route,
         robot=robot or make_plant(setup.plant, setup.descriptions.get('plant', '')),
-        model=model or model_of(setup.controller, description))
+        model=model or model_of(setup.controller, description),
+    )
     configs = [(0.0, setup.controller)]
     for event in setup.events:
         if event.node == 'controller':

@@ -31,8 +31,9 @@ from ctc_chattering.analysis.drawing import legend_of
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import (
+    name_runs,
+    NamedRun,
     run_colour,
-    run_colours,
     run_name,
     run_names,
     RunName,
@@ -49,8 +50,11 @@ import numpy as np
 
 #: Figures of the paper by experiment and law: (tracking, torques).
 PAPER_FIGURES = {
-    ('friction', 'compensation'): (2, 4), ('friction', 'chattering'): (3, 5),
-    ('disturbance', 'compensation'): (6, 8), ('disturbance', 'chattering'): (7, 9)}
+    ('friction', 'compensation'): (2, 4),
+    ('friction', 'chattering'): (3, 5),
+    ('disturbance', 'compensation'): (6, 8),
+    ('disturbance', 'chattering'): (7, 9),
+}
 #: Colour of the time that is evaluated, or enlarged.
 _SHADE = '#eeeeee'
 _THIN: dict[str, Any] = {'linewidth': 0.6, 'alpha': 0.85}
@@ -63,8 +67,9 @@ def error_sums(result: Result) -> dict[str, Array]:
     Each has the shape (N,).
     """
     units, error = np.array(result.position_units), np.abs(result.e)
-    return {unit: error[:, units == unit].sum(axis=1)
-            for unit in dict.fromkeys(result.position_units)}
+    return {
+        unit: error[:, units == unit].sum(axis=1) for unit in dict.fromkeys(result.position_units)
+    }
 
 
 def error_comparison(results: Sequence[Result]) -> Figure:
@@ -73,33 +78,38 @@ def error_comparison(results: Sequence[Result]) -> Figure:
 
     There is a panel per experiment and unit.
     """
-    groups: dict[tuple[str, str], list[tuple[int, Array]]] = {}
-    for i, result in enumerate(results):
-        for unit, error in error_sums(result).items():
-            groups.setdefault((result.experiment, unit), []).append((i, error))
+    groups: dict[tuple[str, str], list[tuple[NamedRun, Array]]] = {}
+    for run in name_runs(results):
+        for unit, error in error_sums(run.result).items():
+            groups.setdefault((run.result.experiment, unit), []).append((run, error))
     columns = drawing.column_count(len(groups))
-    figure, grid = drawing.sheet('Position error of the runs compared', -(-len(groups) // columns),
-                                 (1.0,) * columns, 2.9)
+    figure, grid = drawing.sheet(
+        'Position error of the runs compared', -(-len(groups) // columns), (1.0,) * columns, 2.9
+    )
     all_errors = np.concatenate([error for group in groups.values() for _, error in group])
-    names, colours = run_names(results), run_colours(results)
     for k, ((experiment, unit), group) in enumerate(groups.items()):
-        ax = drawing.panel(figure, grid[k // columns, k % columns], experiment,
-                           f'Σ |eᵢ| [{unit}]', *(results[i].t for i, _ in group))
-        for i, error in group:
-            _draw_error(ax, results[i], error, label=names[i].short, color=colours[i])
+        ax = drawing.panel(
+            figure,
+            grid[k // columns, k % columns],
+            experiment,
+            f'Σ |eᵢ| [{unit}]',
+            *(run.result.t for run, _ in group),
+        )
+        for run, error in group:
+            _draw_error(ax, run, error)
         drawing.log_axis(ax, all_errors)
     legend_of(*figure.axes)
     return figure
 
 
-def _draw_error(ax: Axes, result: Result, error: Array, **style: Any) -> None:
+def _draw_error(ax: Axes, run: NamedRun, error: Array) -> None:
     """
     Draw the error of a run.
 
     Changes, gaps and the time that is evaluated are marked.
     """
-    t, period = result.t, result.config.control_period
-    drawing.line(ax, t, error, period, linewidth=1.0, **style)
+    result, t, period = run.result, run.result.t, run.result.config.control_period
+    drawing.line(ax, t, error, period, linewidth=1.0, label=run.name.short, color=run.colour)
     for time, change in result.marks:
         drawing.mark(ax, time, change)
     drawing.shade_gaps(ax, t, period)
@@ -111,13 +121,28 @@ def _draw_error(ax: Axes, result: Result, error: Array, **style: Any) -> None:
 def tracking(result: Result, name: RunName | None = None) -> Figure:
     """Draw q, q_d and the 1-norm of the error."""
     sums = error_sums(result)
-    sheet = _RunFigure(result, 'Tracking', name, len(result.joint_names) + len(sums),
-                       (3.0, 1.35), 1.45, 1.0, paper_index=0)
+    sheet = _RunFigure(
+        result,
+        'Tracking',
+        name,
+        len(result.joint_names) + len(sums),
+        (3.0, 1.35),
+        1.45,
+        1.0,
+        paper_index=0,
+    )
     for i, (joint, unit) in enumerate(zip(result.joint_names, result.position_units)):
         for ax in sheet.pair(i, joint, f'q, q_d [{unit}]'):
             sheet.line(ax, result.t, result.q[:, i], label='q')
-            sheet.line(ax, result.t, result.q_d[:, i], label='q_d', color=drawing.REFERENCE,
-                       linewidth=1.1, linestyle=(0, (4, 2.5)))
+            sheet.line(
+                ax,
+                result.t,
+                result.q_d[:, i],
+                label='q_d',
+                color=drawing.REFERENCE,
+                linewidth=1.1,
+                linestyle=(0, (4, 2.5)),
+            )
     for i, (unit, error) in enumerate(sums.items(), len(result.joint_names)):
         whole, enlarged = sheet.pair(i, 'position error Σ |eᵢ|', f'Σ |eᵢ| [{unit}]')
         sheet.line(whole, result.t, error)
@@ -131,12 +156,14 @@ def tracking(result: Result, name: RunName | None = None) -> Figure:
 def torques(result: Result, name: RunName | None = None) -> Figure:
     """Draw the torque of each joint."""
     torque, n = result.torque, len(result.joint_names)
-    sheet = _RunFigure(result, 'Torques', name, n, (3.0, 1.35), 2.1 if n < 4 else 1.5, 0.2,
-                       paper_index=1)
+    sheet = _RunFigure(
+        result, 'Torques', name, n, (3.0, 1.35), 2.1 if n < 4 else 1.5, 0.2, paper_index=1
+    )
     for i, (joint, unit) in enumerate(zip(result.joint_names, result.torque_units)):
         tau = torque.values[:, i]
         whole, enlarged = sheet.pair(
-            i, joint, f'τ [{unit}]' if unit == 'N·m' else f'force [{unit}]')
+            i, joint, f'τ [{unit}]' if unit == 'N·m' else f'force [{unit}]'
+        )
         sheet.line(whole, torque.t, tau, **_THIN)
         drawing.steady_axis(whole, torque.t, tau)
         sheet.line(enlarged, torque.t, tau, **drawing.STEPS)
@@ -150,8 +177,15 @@ def internals(result: Result, name: RunName | None = None) -> Figure:
     v is the filtered error, and z the robust term of the law.
     """
     terms = result.terms
-    sheet = _RunFigure(result, 'V, filtered error and robust term', name,
-                       len(result.joint_names) + 1, (1.5, 1.5, 1.2), 1.6, 0.2)
+    sheet = _RunFigure(
+        result,
+        'V, filtered error and robust term',
+        name,
+        len(result.joint_names) + 1,
+        (1.5, 1.5, 1.2),
+        1.6,
+        0.2,
+    )
     ax = sheet.panel((0, slice(None)), 'Lyapunov function V = ½ vᵀ M(q) v', 'V [J]')
     sheet.line(ax, terms.t, terms.lyapunov, linewidth=0.9)
     drawing.log_axis(ax, terms.lyapunov)
@@ -168,8 +202,10 @@ def _draw_robust_term(sheet: _RunFigure, i: int) -> None:
     result, terms = sheet.result, sheet.result.terms
     symbol, z = _robust_symbol(result), terms.robust[:, i]
     whole, enlarged = axes = sheet.pair(
-        i + 1, f'{result.joint_names[i]}: {symbol or "robust term"}',
-        f'z [{result.torque_units[i]}]')
+        i + 1,
+        f'{result.joint_names[i]}: {symbol or "robust term"}',
+        f'z [{result.torque_units[i]}]',
+    )
     sheet.line(whole, terms.t, z, linewidth=0.35, alpha=0.85)
     is_sparse = Series(terms.t, z, terms.origin).step > 1.5 * result.config.control_period
     # Between sparse samples, the signal may be anything.
@@ -196,8 +232,9 @@ def _robust_symbol(result: Result) -> str:
     return symbols.pop() if len(symbols) == 1 else 'robust term z' if symbols else ''
 
 
-def save_figures(results: Sequence[Result], directory: str | Path, extra: str = 'svg'
-                 ) -> list[FigureFile]:
+def save_figures(
+    results: Sequence[Result], directory: str | Path, extra: str = 'svg'
+) -> list[FigureFile]:
     """
     Write every figure of `results` as SVG.
 
@@ -231,8 +268,10 @@ def save_figures(results: Sequence[Result], directory: str | Path, extra: str = 
     files: list[FigureFile] = []
     used: set[str] = set()
     if len(results) > 1:
-        caption = ('Sum of the absolute joint errors over time, on a logarithmic axis, with one '
-                   'panel per experiment.')
+        caption = (
+            'Sum of the absolute joint errors over time, on a logarithmic axis, with one '
+            'panel per experiment.'
+        )
         if any(x.metrics()['max_error_norm1_rad'] is not None for x in results):
             caption += ' Errors are evaluated over the time in grey.'
         comparison = ('comparison_error', error_comparison(results), caption)
@@ -249,15 +288,28 @@ def _figures(result: Result, name: RunName) -> Iterator[tuple[str, Figure, str]]
     right = f'Right: enlarged {"around the last change" if result.marks else "at the end"}.'
     if result.missing.any():
         right += f' {int(result.missing.sum())} samples are missing. Longer gaps are hatched.'
-    yield f'{stem}_tracking', tracking(result, name), (
-        'Joint positions (solid) against the reference (dashed), and the sum of the '
-        f'absolute errors, on a logarithmic axis. {right}')
+    yield (
+        f'{stem}_tracking',
+        tracking(result, name),
+        (
+            'Joint positions (solid) against the reference (dashed), and the sum of the '
+            f'absolute errors, on a logarithmic axis. {right}'
+        ),
+    )
     received = ', each when the recorder received it' if result.torque.received else ''
-    yield f'{stem}_torques', torques(result, name), (
-        f'Torques sent to the joints{received}. {right}')
-    yield f'{stem}_internals', internals(result, name), (
-        'Signals that the paper does not show: the Lyapunov function V of its proof, the filtered '
-        f'error v, and the robust term z of the law{_times_of_terms(result)}. {right}')
+    yield (
+        f'{stem}_torques',
+        torques(result, name),
+        (f'Torques sent to the joints{received}. {right}'),
+    )
+    yield (
+        f'{stem}_internals',
+        internals(result, name),
+        (
+            'Signals that the paper does not show: the Lyapunov function V of its proof, the '
+            f'filtered error v, and the robust term z of the law{_times_of_terms(result)}. {right}'
+        ),
+    )
 
 
 def _times_of_terms(result: Result) -> str:
@@ -298,9 +350,17 @@ class _RunFigure:
 
     """
 
-    def __init__(self, result: Result, subject: str, name: RunName | None, rows: int,
-                 widths: Sequence[float], height: float, length: float,
-                 paper_index: int | None = None) -> None:
+    def __init__(
+        self,
+        result: Result,
+        subject: str,
+        name: RunName | None,
+        rows: int,
+        widths: Sequence[float],
+        height: float,
+        length: float,
+        paper_index: int | None = None,
+    ) -> None:
         _check_samples(result)
         self.result, t = result, result.t
         title = f'{subject} – {name or run_name(result)}{_paper_figure(result, paper_index)}'
@@ -318,11 +378,14 @@ class _RunFigure:
     def pair(self, row: int, title: str, ylabel: str) -> tuple[Axes, Axes]:
         """Return axes for the whole run, and the last ones for the slice."""
         last = self._grid.ncols - 1
-        return (self.panel((row, last - 1), title, ylabel),
-                self.panel((row, last), title, ylabel, enlarged=True))
+        return (
+            self.panel((row, last - 1), title, ylabel),
+            self.panel((row, last), title, ylabel, enlarged=True),
+        )
 
-    def panel(self, cell: tuple[int, int | slice], title: str, ylabel: str,
-              enlarged: bool = False) -> Axes:
+    def panel(
+        self, cell: tuple[int, int | slice], title: str, ylabel: str, enlarged: bool = False
+    ) -> Axes:
         """
         Return axes with marks and gaps.
 
@@ -356,8 +419,13 @@ class _RunFigure:
             drawing.label(ax, 0.5, 0.45, 'not known', ha='center')
             return
         step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
-        drawing.line(ax, t, y, max(step, self.result.config.control_period),
-                     **{'color': run_colour(self.result), **style})
+        drawing.line(
+            ax,
+            t,
+            y,
+            max(step, self.result.config.control_period),
+            **{'color': run_colour(self.result), **style},
+        )
 
 
 def _check_samples(result: Result) -> None:
@@ -370,7 +438,13 @@ def _paper_figure(result: Result, index: int | None) -> str:
     """Return the paper's figure as suffix of a title."""
     numbers = PAPER_FIGURES.get((result.experiment, result.law))
     config = result.config
-    if (numbers is None or index is None or result.marks or config.model != 'two_link'
-            or set(config.ka) != {10.0} or config.switching_in_force not in ('', 'sign')):
+    if (
+        numbers is None
+        or index is None
+        or result.marks
+        or config.model != 'two_link'
+        or set(config.ka) != {10.0}
+        or config.switching_in_force not in ('', 'sign')
+    ):
         return ''
     return f' (figure {numbers[index]} of the paper)'

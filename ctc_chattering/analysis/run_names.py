@@ -32,9 +32,26 @@ from ctc_chattering.control.laws.registry import LAWS
 from ctc_chattering.number_format import format_joint_values
 
 #: Colour of each law in all figures and pages, after Okabe and Ito.
-LAW_COLOURS = dict(zip(LAWS, cycle((
-    '#D55E00', '#0072B2', '#B0428A', '#B8860B', '#56A0D3', '#6B4E2E', '#7F7F7F', '#7B5EA7',
-    '#8C1D40', '#009E9E', '#007A5A'))))
+LAW_COLOURS = dict(
+    zip(
+        LAWS,
+        cycle(
+            (
+                '#D55E00',
+                '#0072B2',
+                '#B0428A',
+                '#B8860B',
+                '#56A0D3',
+                '#6B4E2E',
+                '#7F7F7F',
+                '#7B5EA7',
+                '#8C1D40',
+                '#009E9E',
+                '#007A5A',
+            )
+        ),
+    )
+)
 #: Colour of a run under several laws.
 SEVERAL_LAWS_COLOUR = '#1B1B1B'
 #: Share of white in the colours of further runs under a law; of black where it is negative.
@@ -74,9 +91,14 @@ def run_name(result: Result) -> RunName:
 
     It has the switching, unless that is `sign`, as in the paper.
     """
-    switchings = [name for name, _ in groupby(
-        config.switching for _, config in result.configs
-        if 'switching' in config.law_parameters)]
+    switchings = [
+        name
+        for name, _ in groupby(
+            config.switching
+            for _, config in result.configs
+            if 'switching' in config.law_parameters
+        )
+    ]
     details = ''
     if len(switchings) > 2:
         details = ' (several switchings)'
@@ -121,6 +143,20 @@ def _extend(names: list[RunName], i: int, details: str) -> None:
     names[i] = names[i]._replace(details=names[i].details + details)
 
 
+class NamedRun(NamedTuple):
+    """Run with its name and colour among several."""
+
+    result: Result
+    name: RunName
+    colour: str
+
+
+def name_runs(results: Sequence[Result]) -> list[NamedRun]:
+    """Return runs with names and colours that differ."""
+    colours = shaded([run_colour(x) for x in results], [x.experiment for x in results])
+    return list(map(NamedRun, results, run_names(results), colours))
+
+
 def gains_text(result: Result) -> str:
     """
     Return gains and sample period on one line.
@@ -139,15 +175,6 @@ def _gains(result: Result) -> dict[str, str]:
 def run_colour(result: Result) -> str:
     """Return the colour of a run alone."""
     return SEVERAL_LAWS_COLOUR if result.changes else LAW_COLOURS[result.law]
-
-
-def run_colours(results: Sequence[Result]) -> list[str]:
-    """
-    Return a colour for each run.
-
-    It is the law's, in shades for several runs of an experiment.
-    """
-    return shaded([run_colour(x) for x in results], [x.experiment for x in results])
 
 
 def shaded(colours: Sequence[str], groups: Sequence[object] = ()) -> list[str]:

@@ -31,7 +31,7 @@ from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.metrics import BAND
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.result import METRICS, Result, write_metrics
-from ctc_chattering.analysis.run_names import gains_text, run_colours, run_names
+from ctc_chattering.analysis.run_names import gains_text, name_runs
 from ctc_chattering.analysis.run_samples import write_samples
 from ctc_chattering.analysis.signals import PARTS, Series, SignalOrigin
 from ctc_chattering.analysis.tables import Table
@@ -48,9 +48,18 @@ PAGE = 'index.html'
 #: Signals that are terms of the law.
 _TERMS = ('v', 'V', *PARTS)
 #: Names of signals in the table of origins.
-_SIGNALS = {'q': 'position q', 'dq': 'velocity dq', 'q_d': 'reference q_d', 'e': 'error e',
-            'torque': 'torque sent', 'v': 'filtered error v', 'V': 'V', 'nominal': 'nominal',
-            'compensation': 'compensation', 'robust': 'robust'}
+_SIGNALS = {
+    'q': 'position q',
+    'dq': 'velocity dq',
+    'q_d': 'reference q_d',
+    'e': 'error e',
+    'torque': 'torque sent',
+    'v': 'filtered error v',
+    'V': 'V',
+    'nominal': 'nominal',
+    'compensation': 'compensation',
+    'robust': 'robust',
+}
 
 
 class Column(NamedTuple):
@@ -62,13 +71,17 @@ class Column(NamedTuple):
 
 
 LARGEST_ERROR = 'max_error_norm1_rad'
-RUN_COLUMNS = (Column(LARGEST_ERROR, 'Largest Σ |eᵢ|', 'rad'),
-               Column('reaching_time_s', 'v reached', 's'))
-JOINT_COLUMNS = (Column('rms_error_rad', 'RMS error', 'rad'),
-                 Column('rms_torque_nm', 'RMS torque', 'N·m'),
-                 Column('torque_variation_nm_per_s', 'Torque variation', 'N·m/s'),
-                 Column('max_torque_step_nm', 'Largest torque step', 'N·m'),
-                 Column('max_torque_rate_nm_per_s', 'Largest torque rate', 'N·m/s'))
+RUN_COLUMNS = (
+    Column(LARGEST_ERROR, 'Largest Σ |eᵢ|', 'rad'),
+    Column('reaching_time_s', 'v reached', 's'),
+)
+JOINT_COLUMNS = (
+    Column('rms_error_rad', 'RMS error', 'rad'),
+    Column('rms_torque_nm', 'RMS torque', 'N·m'),
+    Column('torque_variation_nm_per_s', 'Torque variation', 'N·m/s'),
+    Column('max_torque_step_nm', 'Largest torque step', 'N·m'),
+    Column('max_torque_rate_nm_per_s', 'Largest torque rate', 'N·m/s'),
+)
 
 
 class PageRun(NamedTuple):
@@ -79,8 +92,8 @@ class PageRun(NamedTuple):
     ----------
     result : Result
         The run.
-    name : str
-        Name among all runs of the page.
+    name, colour : str
+        Name and colour among all runs of the page.
     metrics : dict
         Numbers of the run, as `Result.metrics` returns them, with None for what is not finite.
 
@@ -88,12 +101,18 @@ class PageRun(NamedTuple):
 
     result: Result
     name: str
+    colour: str
     metrics: dict[str, Any]
 
 
-def write_page(results: Sequence[Result], figures: Sequence[FigureFile], path: Path,
-               bags: Sequence[str] = (), plots: Sequence[page.SignalPlots] = (), command: str = ''
-               ) -> None:
+def write_page(
+    results: Sequence[Result],
+    figures: Sequence[FigureFile],
+    path: Path,
+    bags: Sequence[str] = (),
+    plots: Sequence[page.SignalPlots] = (),
+    command: str = '',
+) -> None:
     """
     Write a page with the results.
 
@@ -118,30 +137,52 @@ def write_page(results: Sequence[Result], figures: Sequence[FigureFile], path: P
         If the file cannot be written.
 
     """
-    runs = [PageRun(result, str(name), finite(result.metrics()))
-            for result, name in zip(results, run_names(results))]
+    runs = [
+        PageRun(x.result, str(x.name), x.colour, finite(x.result.metrics()))
+        for x in name_runs(results)
+    ]
     cards = list(_error_ratios(runs))
-    folded = [page.Folded(name, list(of_run), len(results) == 1)
-              for name, of_run in groupby(figures, lambda x: x.group) if name]
+    folded = [
+        page.Folded(name, list(of_run), len(results) == 1)
+        for name, of_run in groupby(figures, lambda x: x.group)
+        if name
+    ]
     headline = 'Computed torque plus compensation plus chattering'
     if cards:
         result = cards[0].result
         headline = f'With {result.law} the largest tracking error is {cards[0].factor}'
         headline += f' ({result.experiment})'
     page.write_page(
-        path, headline,
+        path,
+        headline,
         'A robot arm has friction that the controller does not know. It runs under computed '
         'torque plus compensation, under the same law plus a chattering term Ka sgn(v), or under '
-        'other laws.', [
-            page.Section('Result', [*([page.Cards([x.card() for x in cards])] if cards else []),
-                                    *(x for x in figures if not x.group)]),
+        'other laws.',
+        [
+            page.Section(
+                'Result',
+                [
+                    *([page.Cards([x.card() for x in cards])] if cards else []),
+                    *(x for x in figures if not x.group),
+                ],
+            ),
             page.Section('Signals', [*plots, origins_table(runs)] if plots else []),
-            page.Section('Numbers', [numbers_table(runs), *(
-                page.Note(f'{text}.', f'{run.name}:')
-                for run in runs for text in run.metrics['notes'])]),
-            page.Section('Figures of each run', folded)],
+            page.Section(
+                'Numbers',
+                [
+                    numbers_table(runs),
+                    *(
+                        page.Note(f'{text}.', f'{run.name}:')
+                        for run in runs
+                        for text in run.metrics['notes']
+                    ),
+                ],
+            ),
+            page.Section('Figures of each run', folded),
+        ],
         [(METRICS, METRICS), *((bag, f'bag of {run.name}') for run, bag in zip(runs, bags))],
-        command)
+        command,
+    )
 
 
 class _ErrorRatio(NamedTuple):
@@ -168,9 +209,14 @@ class _ErrorRatio(NamedTuple):
     def card(self) -> page.Card:
         """Return the card with both errors."""
         unit = self.result.position_units[0]
-        return page.Card(self.name, self.factor, [
-            f'Largest error: {self.base_error:.3g} {unit} under {BASELINE_LAW} → '
-            f'{self.error:.3g} {unit} with {self.result.law}.'])
+        return page.Card(
+            self.name,
+            self.factor,
+            [
+                f'Largest error: {self.base_error:.3g} {unit} under {BASELINE_LAW} → '
+                f'{self.error:.3g} {unit} with {self.result.law}.'
+            ],
+        )
 
 
 def _error_ratios(runs: Sequence[PageRun]) -> Iterator[_ErrorRatio]:
@@ -179,10 +225,14 @@ def _error_ratios(runs: Sequence[PageRun]) -> Iterator[_ErrorRatio]:
 
     They are under one other law, and their experiment has both.
     """
-    under_one_law = [run for run in runs
-                     if not run.result.changes and run.metrics[LARGEST_ERROR] is not None]
-    base_errors = {run.result.experiment: run.metrics[LARGEST_ERROR]
-                   for run in reversed(under_one_law) if run.result.law == BASELINE_LAW}
+    under_one_law = [
+        run for run in runs if not run.result.changes and run.metrics[LARGEST_ERROR] is not None
+    ]
+    base_errors = {
+        run.result.experiment: run.metrics[LARGEST_ERROR]
+        for run in reversed(under_one_law)
+        if run.result.law == BASELINE_LAW
+    }
     for run in under_one_law:
         base_error = base_errors.get(run.result.experiment)
         if run.result.law != BASELINE_LAW and base_error is not None:
@@ -200,8 +250,10 @@ def origins_table(runs: Sequence[PageRun]) -> Table:
         groups: dict[tuple[str, ...], list[str]] = {}
         for signal, series in run.result.signals.items():
             groups.setdefault(_origin(run.result, signal, series), []).append(_SIGNALS[signal])
-        rows += [['' if k else run.name, ', '.join(signals), *origin]
-                 for k, (origin, signals) in enumerate(groups.items())]
+        rows += [
+            ['' if k else run.name, ', '.join(signals), *origin]
+            for k, (origin, signals) in enumerate(groups.items())
+        ]
     heads = ['Run', 'Signals', 'Origin', 'From', 'Samples', 'Usual step']
     return Table('Origin of the samples', heads, rows, 4)
 
@@ -226,33 +278,47 @@ def numbers_table(runs: Sequence[PageRun]) -> Table:
     Numbers of the whole run are in its first row.
     """
     rows: list[list[str]] = []
-    for run, colour in zip(runs, run_colours([x.result for x in runs])):
+    for run in runs:
         result, numbers = run.result, run.metrics
         title = fragment(
-            '<i class="dot" style="background: {{ colour }}"></i>{{ name }}<br><small>'
-            '{% if source %}bag {{ source }}; {% endif %}{{ gains }}</small>', colour=colour,
-            name=run.name, source=result.source, gains=gains_text(result))
+            '<i class="dot" style="background: {{ run.colour }}"></i>{{ run.name }}<br><small>'
+            '{% if run.result.source %}bag {{ run.result.source }}; {% endif %}{{ gains }}'
+            '</small>',
+            run=run,
+            gains=gains_text(result),
+        )
         of_run = [_cell(result, 0, numbers[x.key], x.unit) for x in RUN_COLUMNS]
         for i, joint in enumerate(result.joint_names):
-            of_joint = [_cell(result, i, numbers[x.key] and numbers[x.key][i], x.unit)
-                        for x in JOINT_COLUMNS]
-            rows.append(['', joint, *[''] * len(of_run), *of_joint] if i else
-                        [title, joint, *of_run, *of_joint])
-    heads = [fragment('{{ x.heading }}<br><small>[{{ x.unit }}]</small>', x=x)
-             for x in (*RUN_COLUMNS, *JOINT_COLUMNS)]
+            of_joint = [
+                _cell(result, i, numbers[x.key] and numbers[x.key][i], x.unit)
+                for x in JOINT_COLUMNS
+            ]
+            rows.append(
+                ['', joint, *[''] * len(of_run), *of_joint]
+                if i
+                else [title, joint, *of_run, *of_joint]
+            )
+    heads = [
+        fragment('{{ x.heading }}<br><small>[{{ x.unit }}]</small>', x=x)
+        for x in (*RUN_COLUMNS, *JOINT_COLUMNS)
+    ]
     return Table('', ['Run', 'Joint', *heads], rows, 2, _note_on_numbers(runs))
 
 
 def _note_on_numbers(runs: Sequence[PageRun]) -> str:
     """Return definitions of the numbers, with their times."""
-    windows = {tuple(run.metrics['window_s']): run.name
-               for run in runs if run.metrics['rms_error_rad']}
-    times = [f'{begin:.4g} s to {end:.4g} s' + (f' ({name})' if len(windows) > 1 else '')
-             for (begin, end), name in windows.items()]
+    windows = {
+        tuple(run.metrics['window_s']): run.name for run in runs if run.metrics['rms_error_rad']
+    }
+    times = [
+        f'{begin:.4g} s to {end:.4g} s' + (f' ({name})' if len(windows) > 1 else '')
+        for (begin, end), name in windows.items()
+    ]
     note = f'Errors and torques are computed over t = {", ".join(times)}. ' if times else ''
     return note + (
         f'“v reached” is the time from which every |vᵢ| stays within {BAND:g} rad/s to the end. '
-        'Torque variation is Σ |Δτ| per second. Step and rate are from one sample to the next.')
+        'Torque variation is Σ |Δτ| per second. Step and rate are from one sample to the next.'
+    )
 
 
 def _cell(result: Result, joint: int, number: float | None, unit: str) -> Markup:
@@ -263,12 +329,21 @@ def _cell(result: Result, joint: int, number: float | None, unit: str) -> Markup
     """
     if result.position_units[joint] == 'rad' or unit == 's':
         unit = ''
-    return fragment('{{ number | number }}{% if unit %} <small>{{ unit }}</small>{% endif %}',
-                    number=number, unit=unit.replace('rad', 'm').replace('N·m', 'N'))
+    return fragment(
+        '{{ number | number }}{% if unit %} <small>{{ unit }}</small>{% endif %}',
+        number=number,
+        unit=unit.replace('rad', 'm').replace('N·m', 'N'),
+    )
 
 
-def write_runs(results: Sequence[Result], out: str | Path, bags: Sequence[str | Path] = (),
-               extra: str = 'svg', command: str = '', overwrite: bool = False) -> None:
+def write_runs(
+    results: Sequence[Result],
+    out: str | Path,
+    bags: Sequence[str | Path] = (),
+    extra: str = 'svg',
+    command: str = '',
+    overwrite: bool = False,
+) -> None:
     """
     Write figures, numbers and a page with plots.
 
@@ -305,8 +380,13 @@ def write_runs(results: Sequence[Result], out: str | Path, bags: Sequence[str | 
         fill_folder(results, folder, links, extra, command)
 
 
-def fill_folder(results: Sequence[Result], folder: Path, links: Sequence[str], extra: str = 'svg',
-                command: str = '') -> None:
+def fill_folder(
+    results: Sequence[Result],
+    folder: Path,
+    links: Sequence[str],
+    extra: str = 'svg',
+    command: str = '',
+) -> None:
     """
     Write the files of `write_runs`.
 

@@ -24,11 +24,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 import json
 from pathlib import Path
-from typing import NamedTuple
 
 from ctc_chattering.analysis.page import PlottedRun, SignalPlots
 from ctc_chattering.analysis.result import Result
-from ctc_chattering.analysis.run_names import run_colours, run_names, RunName
+from ctc_chattering.analysis.run_names import name_runs, NamedRun
 from ctc_chattering.analysis.signals import by_times, compressed, PARTS
 from ctc_chattering.output_files import file_stem, write_text
 from ctc_chattering.simulation.closed_loop import Array
@@ -40,14 +39,6 @@ MAX_EXACT_COUNT = 1_000_000
 
 #: Signals of the same times: these, shape (N,) [s], and values by name.
 Track = tuple[Array, dict[str, Array]]
-
-
-class _NamedRun(NamedTuple):
-    """Run with its name and colour."""
-
-    result: Result
-    name: RunName
-    colour: str
 
 
 def write_samples(results: Sequence[Result], directory: Path) -> list[SignalPlots]:
@@ -69,15 +60,15 @@ def write_samples(results: Sequence[Result], directory: Path) -> list[SignalPlot
         If a file cannot be written.
 
     """
-    groups: dict[tuple[str, ...], list[_NamedRun]] = {}
-    for run in map(_NamedRun, results, run_names(results), run_colours(results)):
+    groups: dict[tuple[str, ...], list[NamedRun]] = {}
+    for run in name_runs(results):
         key = (run.result.experiment, *run.result.joint_names, *run.result.position_units)
         groups.setdefault(key, []).append(run)
     used: set[str] = set()
     return [_write_group(group, directory, used) for group in groups.values()]
 
 
-def _write_group(group: Sequence[_NamedRun], directory: Path, used: set[str]) -> SignalPlots:
+def _write_group(group: Sequence[NamedRun], directory: Path, used: set[str]) -> SignalPlots:
     """Write the samples of runs that are plotted together."""
     # The page has q from q_d and e. Beside each other, runs have no parts of the torque.
     left_out = {'q', *(PARTS if len(group) > 1 else ())}
@@ -100,26 +91,40 @@ def _write_group(group: Sequence[_NamedRun], directory: Path, used: set[str]) ->
     marks = {time for run in group for time, _ in run.result.marks}
     mark = marks.pop() if len(marks) == 1 else None
     return SignalPlots(
-        f'Signals of {first.experiment}', _caption(settled, mark is not None, rounded, cut_off),
-        first.joint_names, first.position_units, plotted, ('e', 'torque', 'V'), settled, mark)
+        f'Signals of {first.experiment}',
+        _caption(settled, mark is not None, rounded, cut_off),
+        first.joint_names,
+        first.position_units,
+        plotted,
+        ('e', 'torque', 'V'),
+        settled,
+        mark,
+    )
 
 
-def _caption(settled: float, has_mark: bool, rounded: Sequence[str], cut_off: Sequence[str]
-             ) -> str:
+def _caption(
+    settled: float, has_mark: bool, rounded: Sequence[str], cut_off: Sequence[str]
+) -> str:
     """
     Return the caption of plots.
 
     Axes leave out the start up to `settled` [s].
     """
-    text = ('Error e = q_d − q, torque sent, V and further signals. The table below lists the '
-            f'times and the origin of each. While times after {2.0 * settled:.3g} s are shown, '
-            f'the axes are scaled without the first {settled:.3g} s.')
+    text = (
+        'Error e = q_d − q, torque sent, V and further signals. The table below lists the '
+        f'times and the origin of each. While times after {2.0 * settled:.3g} s are shown, '
+        f'the axes are scaled without the first {settled:.3g} s.'
+    )
     if rounded:
-        text += (f' Values of {", ".join(rounded)} are rounded by at most 2e-5 of each, and times '
-                 'to 1 µs.')
+        text += (
+            f' Values of {", ".join(rounded)} are rounded by at most 2e-5 of each, and times '
+            'to 1 µs.'
+        )
     if cut_off:
-        text += (f' Too long to show completely: {", ".join(cut_off)}. The figures below show the '
-                 'whole run, and `ctc export` writes it.')
+        text += (
+            f' Too long to show completely: {", ".join(cut_off)}. The figures below show the '
+            'whole run, and `ctc export` writes it.'
+        )
     if has_mark:
         text += ' The line marks the change of law or switching.'
     return text
@@ -138,5 +143,8 @@ def _first_samples(tracks: list[Track]) -> tuple[list[Track], float]:
     if count <= MAX_COUNT:
         return tracks, end
     end = begin + (end - begin) * MAX_COUNT / count
-    return [(t[t <= end], {name: y[t <= end] for name, y in values.items()})
-            for t, values in tracks if t[0] <= end], end
+    return [
+        (t[t <= end], {name: y[t <= end] for name, y in values.items()})
+        for t, values in tracks
+        if t[0] <= end
+    ], end

@@ -84,8 +84,9 @@ def by_times(signals: Mapping[str, Series]) -> list[tuple[Array, dict[str, Array
     """
     groups: list[tuple[Array, dict[str, Array]]] = []
     for name, series in signals.items():
-        values = next((values for t, values in groups
-                       if t is series.t or np.array_equal(t, series.t)), None)
+        values = next(
+            (values for t, values in groups if t is series.t or np.array_equal(t, series.t)), None
+        )
         if values is None:
             values = {}
             groups.append((series.t, values))
@@ -144,10 +145,11 @@ def compressed(t: Array, signals: Mapping[str, Array], is_rounded: bool = False)
 
     """
     if is_rounded:
-        t = _round_to(2.0 ** -20, t)
+        t = _round_to(2.0**-20, t)
     # No encoder resolves the step of positions, 9e-10 rad.
-    columns = _columns(t, {name: _round_to(2.0 ** -30, x) if name in _EXACT else x
-                           for name, x in signals.items()})
+    columns = _columns(
+        t, {name: _round_to(2.0**-30, x) if name in _EXACT else x for name, x in signals.items()}
+    )
     # One level less is a fortieth larger, one more takes twice as long.
     stream = zlib.compressobj(8, memLevel=9)
     data = []
@@ -158,8 +160,7 @@ def compressed(t: Array, signals: Mapping[str, Array], is_rounded: bool = False)
             bits = (bits + np.uint32(1 << dropped - 1)) >> dropped << dropped
         for _ in range(2):
             bits = np.diff(bits, prepend=bits.dtype.type(0))
-        data.append(stream.compress(
-            bits.view(np.uint8).reshape(-1, numbers.itemsize).T.tobytes()))
+        data.append(stream.compress(bits.view(np.uint8).reshape(-1, numbers.itemsize).T.tobytes()))
     return base64.b64encode(b''.join((_head(columns, {}), *data, stream.flush()))).decode()
 
 
@@ -174,18 +175,24 @@ def _columns(t: Array, signals: Mapping[str, Array]) -> list[_Column]:
     columns = []
     for name, rows in {'t': t, **signals}.items():
         with np.errstate(over='ignore'):
-            values = np.asarray(rows, float).reshape(len(t), -1).T.astype(
-                '<f8' if name in _EXACT else '<f4')
+            values = (
+                np.asarray(rows, float)
+                .reshape(len(t), -1)
+                .T.astype('<f8' if name in _EXACT else '<f4')
+            )
         columns += [_Column(name, joint, numbers) for joint, numbers in enumerate(values)]
     return columns
 
 
 def _head(columns: list[_Column], further: Mapping[str, Any]) -> bytes:
     """Return the head of `packed` with its length."""
-    text = json.dumps({
-        'count': len(columns[0].numbers),
-        'columns': [(name, joint, numbers.itemsize) for name, joint, numbers in columns],
-        **further}).encode()
+    text = json.dumps(
+        {
+            'count': len(columns[0].numbers),
+            'columns': [(name, joint, numbers.itemsize) for name, joint, numbers in columns],
+            **further,
+        }
+    ).encode()
     return _pad(len(text).to_bytes(4, 'little') + text)
 
 

@@ -170,15 +170,20 @@ def paragraph(text: str, indent: int = 2) -> list[str]:
 
     The first line is less indented.
     """
-    return wrap(one_line(text), WIDTH, initial_indent=' ' * indent,
-                subsequent_indent=' ' * (indent + 2), break_on_hyphens=False)
+    return wrap(
+        one_line(text),
+        WIDTH,
+        initial_indent=' ' * indent,
+        subsequent_indent=' ' * (indent + 2),
+        break_on_hyphens=False,
+    )
 
 
 def cut(text: str, length: int) -> str:
     """Return text without the middle if it is too long."""
     if len(text) <= length:
         return text
-    return f'{text[:length // 2]}…{text[-((length - 1) // 2):]}'
+    return f'{text[: length // 2]}…{text[-((length - 1) // 2) :]}'
 
 
 def print_columns(rows: Sequence[Sequence[str]]) -> None:

@@ -94,15 +94,23 @@ class Replay(NamedTuple):
     def __str__(self) -> str:
         """Return the reason for not showing recomputed terms."""
         if self.verdict is ReplayVerdict.OTHER_TORQUES:
-            return ('the law, recomputed over the recorded states, differs from the torques sent '
-                    f'by {format_numbers(self.difference)} N·m RMS')
-        return {ReplayVerdict.EXACT: '',
-                ReplayVerdict.NOT_ONE_TO_ONE: 'not every state has one command that answers it',
-                ReplayVerdict.TOO_LONG: 'the run is too long to recompute the law'}[self.verdict]
+            return (
+                'the law, recomputed over the recorded states, differs from the torques sent '
+                f'by {format_numbers(self.difference)} N·m RMS'
+            )
+        return {
+            ReplayVerdict.EXACT: '',
+            ReplayVerdict.NOT_ONE_TO_ONE: 'not every state has one command that answers it',
+            ReplayVerdict.TOO_LONG: 'the run is too long to recompute the law',
+        }[self.verdict]
 
 
-def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
-          model: Model | None = None, ahead: Array | None = None) -> RunTerms:
+def terms(
+    run: Run,
+    configs: Sequence[tuple[float, ControllerConfig]],
+    model: Model | None = None,
+    ahead: Array | None = None,
+) -> RunTerms:
     """
     Recompute the terms of the law over `run`.
 
@@ -129,8 +137,9 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
     delay = law.config.input_delay
     rows = np.stack((run.q, run.dq, run.q_d, run.dq_d, run.ddq_d), axis=1)
     later = np.concatenate((rows, rows[-1:].repeat(delay, axis=0)))[1:, 2:]
-    columns: dict[str, Any] = {name: np.zeros_like(run.q) for name in (
-        'tau', 'nominal', 'compensation', 'robust', 'v')}
+    columns: dict[str, Any] = {
+        name: np.zeros_like(run.q) for name in ('tau', 'nominal', 'compensation', 'robust', 'v')
+    }
     lyapunov = np.zeros_like(run.t)
     for k, t in enumerate(run.t.tolist()):
         while due and t >= due[0][0]:

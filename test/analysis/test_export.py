@@ -42,7 +42,7 @@ def gantry() -> Result:
     config = ControllerConfig(model='urdf', joint_names=('rail, long', 'elbow'), ka=(3.0, 4.0),
                               switching='implicit_observer')
     return Result('gantry', [(0.0, config)], Run(np.arange(5) / 10, *x),
-                           dataclasses.replace(made_up(2, 5).terms, t=np.arange(5) / 10), GANTRY)
+                  dataclasses.replace(made_up(2, 5).terms, t=np.arange(5) / 10), GANTRY)
 
 
 def test_a_csv_file_has_a_column_per_joint_and_quantity(gantry: Result, tmp_path: Path) -> None:

@@ -215,7 +215,7 @@ def test_a_prismatic_joint_has_its_units() -> None:
     assert np.array_equal(drawn(panel(figure, 'm')), result.run.q[:, 0])
     assert np.array_equal(drawn(panel(figure, 'rad')), result.run.q[:, 1])
     assert [(ax.get_ylabel(), drawn(ax)[0]) for ax in figure.axes if '|e' in ax.get_ylabel()][
-        :2] == [('Σ |eᵢ| [m]', pytest.approx(0.1)), ('Σ |eᵢ| [rad]', pytest.approx(0.1))]
+        ::2] == [('Σ |eᵢ| [m]', pytest.approx(0.1)), ('Σ |eᵢ| [rad]', pytest.approx(0.1))]
     assert panel(run_figures.torques(result), 'N').get_ylabel() == 'force [N]'
     assert {ax.get_ylabel() for ax in run_figures.internals(result).axes} == {
         'V [J]', 'v [m/s]', 'v [rad/s]', 'z [N]', 'z [N·m]'}

@@ -20,7 +20,7 @@ import dataclasses
 from typing import Any
 
 from ctc_chattering.analysis.result import Result
-from ctc_chattering.analysis.run_names import gains_text, LAW_COLOURS, run_colours, run_names
+from ctc_chattering.analysis.run_names import gains_text, LAW_COLOURS, name_runs, run_names
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.simulation.closed_loop import Run
 import numpy as np
@@ -54,7 +54,8 @@ def test_names_tell_runs_apart() -> None:
 
 def test_colours_differ_within_an_experiment() -> None:
     results = [run(), run(law='compensation'), run('a'), run('b')]
-    colours = run_colours([*results, dataclasses.replace(results[0], experiment='other')])
+    others = [*results, dataclasses.replace(results[0], experiment='other')]
+    colours = [x.colour for x in name_runs(others)]
     assert colours[:2] == [LAW_COLOURS['chattering'], LAW_COLOURS['compensation']]
     assert len(set(colours[:4])) == 4
     assert not {*colours[2:4]} & {*LAW_COLOURS.values()}  # Shades, no other law's colour.

@@ -47,8 +47,8 @@ def test_runs_of_an_experiment_are_plotted_together(tmp_path: Path) -> None:
     assert sum(alone[x, 1] for x in PARTS) == pytest.approx(total, rel=1e-5, abs=1e-5)
 
 
-def test_the_caption_names_runs_that_are_cut_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-                                           ) -> None:
+def test_the_caption_names_runs_that_are_cut_off(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (plots,) = write_samples([made_up(2)], tmp_path)
     assert 'Too long' not in plots.caption
     monkeypatch.setattr('ctc_chattering.analysis.run_samples.MAX_COUNT', 1000)
