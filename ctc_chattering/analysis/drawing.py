@@ -248,7 +248,8 @@ def _content(figure: Figure, kind: str) -> bytes:
     """Return the content of a figure's file."""
     data = io.BytesIO()
     # Without a salt, the names of parts of an SVG would be random.
-    with rc_context({'svg.hashsalt': 'ctc_chattering'}):
+    # Journals ask for fonts of type 42, whose text can be searched.
+    with rc_context({'svg.hashsalt': 'ctc_chattering', 'pdf.fonttype': 42}):
         figure.savefig(data, format=kind, dpi=130, metadata=_METADATA[kind])
     return _NOT_XML.sub(b'', data.getvalue()) if kind == 'svg' else data.getvalue()
 

@@ -31,6 +31,7 @@ from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.metrics import BAND
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.result import METRICS, Result, write_metrics
+from ctc_chattering.analysis.run_comparison import comparison_rows
 from ctc_chattering.analysis.run_names import gains_text, name_runs
 from ctc_chattering.analysis.run_samples import write_samples
 from ctc_chattering.analysis.signals import PARTS, Series, SignalOrigin
@@ -178,11 +179,23 @@ def write_page(
                     ),
                 ],
             ),
+            *_comparison(runs),
             page.Section('Figures of each run', folded),
         ],
         [(METRICS, METRICS), *((bag, f'bag of {run.name}') for run, bag in zip(runs, bags))],
         command,
     )
+
+
+def _comparison(runs: Sequence[PageRun]) -> Iterator[page.Section]:
+    """Yield the section that compares runs of the same joints."""
+    rows = comparison_rows([run.result for run in runs])
+    if rows:
+        heads = ['Joint', 'Quantity', *(run.name for run in runs)]
+        note = ('Lag is the L that fits e = L dq_d best. Friction compensated is the mean of the '
+                "law's robust term along the motion. Parameters are those of the controller that "
+                'differ.')
+        yield page.Section('Comparison', [Table('', heads, rows, 2, note)])
 
 
 class _ErrorRatio(NamedTuple):

@@ -68,6 +68,7 @@ def print_page(page: Path, *commands: str) -> None:
 
 def print_results(results: Sequence[Any]) -> None:
     """Print the numbers of runs, each a `Result`, in a table."""
+    from ctc_chattering.analysis.run_comparison import comparison_rows
     from ctc_chattering.analysis.run_names import run_names
     from ctc_chattering.analysis.tables import print_columns
     rows: list[Sequence[str]] = [(
@@ -80,5 +81,7 @@ def print_results(results: Sequence[Any]) -> None:
             'reaching_time_s'))))
         notes += [[f'{name}: {text}'] for text in m['notes']]
     print_columns(rows)
+    if compared := comparison_rows(results):
+        print_columns([['joint', 'compared', *map(str, run_names(results))], *compared])
     if notes:
         print_columns(notes)
