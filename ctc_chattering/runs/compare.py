@@ -29,13 +29,20 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.loop_setup import Overrides, Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.laws.registry import LAWS, switchings_of
 from ctc_chattering.errors import CtcError, ParameterError, suggest
 from ctc_chattering.output_files import check_format, finite
 from ctc_chattering.parameters import check_not_empty, checked_integer
-from ctc_chattering.runs.conditions import Case, held_out_cases, named_cases, read_cases, SEED
+from ctc_chattering.runs.conditions import (
+    Case,
+    held_out_cases,
+    merge_overrides,
+    named_cases,
+    read_cases,
+    SEED,
+)
 from ctc_chattering.runs.map import computed
 from ctc_chattering.runs.recommended import (
     BASELINE,
@@ -111,8 +118,9 @@ class ComparisonSpec:
         """Yield the runs of every law on every robot in every case."""
         for file in self.files:
             path = find_config(file) if isinstance(file, str) else file
-            for _, parts in groupby(self.robot_cases(parameter_file.load(path)), _case_title):
-                condition = list(parts)
+            cases = self.robot_cases(parameter_file.load(path))
+            for _, group in groupby(cases, key=lambda case: case.title):
+                condition = list(group)
                 for law in self.law_settings:
                     yield from _condition_runs(path, condition, law)
 
@@ -123,10 +131,6 @@ class ComparisonSpec:
         names = self.conditions or ([] if listed else [''])
         return [*named_cases(names, setup), *listed,
                 *held_out_cases(setup, self.held_out, self.seed)]
-
-
-def _case_title(case: Case) -> str:
-    return case.title
 
 
 def _condition_runs(path: Path, condition: Sequence[Case], law: LawSettings
@@ -148,14 +152,9 @@ def _condition_runs(path: Path, condition: Sequence[Case], law: LawSettings
             raise ParameterError(f'{path}: duration', 0.0, 'a number > 0, for every run must end')
         yield ListedRun({
             'file': str(path), 'experiment': setup.plant.experiment, 'condition': case.title,
-            'held_out': int(case.is_held_out), **law.columns, 'part': case.part,
+            'held_out': int(case.is_held_out), **law.columns, 'part': case.run_name,
             'joints': json.dumps(setup.plant.joint_names),
             'controller': json.dumps(finite(overrides['controller']), sort_keys=True)}, setup)
-
-
-def merge_overrides(first: Overrides, second: Overrides) -> Overrides:
-    """Return overrides by node and parameter, those of `second` above those of `first`."""
-    return {node: {**first.get(node, {}), **second.get(node, {})} for node in {**first, **second}}
 
 
 class ComparisonRuns(RunList):

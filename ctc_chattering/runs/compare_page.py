@@ -191,11 +191,11 @@ class Number(NamedTuple):
 def _error_cells(outcome: Outcome, base: Outcome) -> list[list[Number]]:
     """Return the numbers of each cell of the first table; the smallest is the best."""
     score = outcome.score
-    least = min(a / b if b else inf for a, b in zip(base.score.rms, score.rms))
-    ratio = f'{least:.2g}×' if least < 100.0 else f'{least:.0f}×'
+    gain = min(a / b if b else inf for a, b in zip(base.score.rms, score.rms))
+    ratio = f'{gain:.2g}×' if gain < 100.0 else f'{gain:.0f}×'
     peak = max(score.peak)
     return [*([Number(x, f'{x:.1e}')] for x in score.rms),
-            [Number(-least, '' if outcome.law == BASELINE else ratio)],
+            [Number(-gain, '' if outcome.law == BASELINE else ratio)],
             [Number(peak, f'{peak:.0f}')]]
 
 
@@ -223,8 +223,8 @@ def _rows(group: Sequence[Outcome], cells: Callable[[Outcome], list[list[Number]
 
 def _cell(numbers: Sequence[Number], smallest: Sequence[float]) -> str:
     """Return the text of a cell, with the smallest numbers of the column bold."""
-    return Markup(' / ').join(bold(text) if value == least and text else text
-                              for (value, text), least in zip(numbers, smallest))
+    return Markup(' / ').join(bold(number.text) if number.value == best and number.text
+                              else number.text for number, best in zip(numbers, smallest))
 
 
 def to_markdown(results: Sequence[Outcome]) -> str:

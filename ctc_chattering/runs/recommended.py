@@ -75,7 +75,7 @@ class LawSettings:
 
     @property
     def is_recommended(self) -> bool:
-        """Whether the gains are those of the law's rule."""
+        """Use of the gains by the law's rule."""
         return self.gain_source == RECOMMENDED
 
     @property

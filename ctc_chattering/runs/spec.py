@@ -202,9 +202,9 @@ def read_uncertain(name: str, tree: object) -> Uncertain:
     return Uncertain(name, *_read_targets(key, values), distribution, numbers)
 
 
-def read_value(key: str, kind: str, value: object, n: int = 0, **allowed: Any) -> Any:
-    """Return a value of a spec, declared as a `Parameter` is."""
-    return Parameter(key, kind, None, '', **allowed).checked(value, n)
+def read_value(key: str, type_name: str, value: object, n: int = 0, **allowed: Any) -> Any:
+    """Return a value of a spec, of a type that `Parameter` has."""
+    return Parameter(key, type_name, None, '', **allowed).checked(value, n)
 
 
 def _only_key(key: str, values: Mapping[str, Any], names: Sequence[str]) -> str:
@@ -395,16 +395,16 @@ def read_spec(path: Path) -> MapSpec:
 def spec_rows(tree: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield the keys of a spec, and those below them, with their values as YAML on one line."""
     for key, value in tree.items():
-        for name, part in (value if isinstance(value, dict) else {'': value}).items():
+        for name, entry in (value if isinstance(value, dict) else {'': value}).items():
             yield f'{key} {name}'.rstrip(), yaml.safe_dump(
-                part, default_flow_style=True, sort_keys=False, allow_unicode=True,
+                entry, default_flow_style=True, sort_keys=False, allow_unicode=True,
                 width=float('inf')).removesuffix('...\n').rstrip()
 
 
 def parse_spec(tree: object, path: Path) -> MapSpec:
     """Return the checked spec; relative paths in it count from the directory of `path`."""
     values = mapping('spec', tree, KEYS)
-    setup = _read_setup(values, path.parent)
+    setup = read_setup(values, path.parent)
     taken = (*RUN_COLUMNS, *result_columns(len(setup.controller.joint_names)))
     axes = _read_quantities(values, 'axes', read_axis, taken)
     uncertain = _read_quantities(values, 'uncertain', read_uncertain, (
@@ -428,8 +428,8 @@ def _check_saltelli(spec: MapSpec) -> None:
     if spec.repeats.sampling != 'saltelli':
         return
     blocks = len(spec.uncertain) + 2
-    size, rest = divmod(spec.repeats.repeats, blocks)
-    if spec.axes or len(spec.uncertain) < 2 or rest or size.bit_count() != 1:
+    size, remainder = divmod(spec.repeats.repeats, blocks)
+    if spec.axes or len(spec.uncertain) < 2 or remainder or size.bit_count() != 1:
         raise ParameterError('sampling', 'saltelli', (
             'without axes, for what is uncertain, two quantities or more, with repeats of '
             f'{blocks} times a power of two'))
@@ -444,7 +444,7 @@ def _read_failure(values: Mapping[str, Any]) -> Failure:
             'failure', values['failure'], tuple(Failure.parameters())))
 
 
-def _read_setup(values: Mapping[str, Any], beside: Path) -> Setup:
+def read_setup(values: Mapping[str, Any], beside: Path) -> Setup:
     """Return the parameter file with the spec's overrides."""
     name = read_value('params_file', 'str', values.get('params_file', 'friction'))
     overrides = values.get('overrides', {})

@@ -135,14 +135,9 @@ def score_gains(runs: pandas.DataFrame, limits: Limits, percentile: float) -> Ga
         rounding = 1.0 + 1e-9  # A torque that exceeds its limit by less keeps it.
         excess[name] = float((values / limit).max() if len(good) else 1.0) - rounding
         largest[name] = tuple(values.max(0).tolist()) if len(good) else (math.inf,) * len(limit)
-    error, variation = (percentile_of(runs[name].fillna(math.inf).tolist(), percentile)
-                        for name in ('error', 'variation'))
-    return GainsScore(error, variation, largest[TORQUE], largest[RATE], excess)
-
-
-def percentile_of(values: Sequence[float], percentile: float) -> float:
-    """Return the least of `values` that `percentile` % of them do not exceed."""
-    return sorted(values)[max(0, math.ceil(percentile / 100.0 * len(values) - 1e-9) - 1)]
+    bounds = np.percentile(runs[['error', 'variation']].fillna(math.inf), percentile, axis=0,
+                           method='inverted_cdf')
+    return GainsScore(*bounds.tolist(), largest[TORQUE], largest[RATE], excess)
 
 
 def pareto_front(scores: Sequence[GainsScore]) -> list[int]:
@@ -338,24 +333,24 @@ def search_gains(spec: TuneSpec, trials: int, percentile: float = 95.0, seed: in
             progress(finished, trials)
         return scores
 
-    others = spec.references
-    scores_of_others = score(others, drawn)
+    references = spec.references
+    reference_scores = score(references, drawn)
     first = first_numbers(spec.setup.controller, spec.setup.plant.coulomb_friction,
                           gains_by_rule(spec.setup, RECOMMENDED_LAW), spec.ranges)
     done = run_trials(evaluate, spec.ranges, first, trials, seed)
     front = pareto_front([trial.score for trial in done])
     laws = [spec.law(f'trial {k}', done[k].numbers) for k in front]
-    validated = score([*laws, *others], fresh)
+    validated = score([*laws, *references], fresh)
     points = [Candidate(dataclasses.replace(law, name=str(number)), done[k].score, fresh_score)
               for number, (k, law, fresh_score) in enumerate(zip(front, laws, validated), 1)]
-    references = list(map(Candidate, others, scores_of_others, validated[len(points):]))
-    comparable = [x for x in references if points and x.law.law == spec.setup.controller.law]
+    compared = list(map(Candidate, references, reference_scores, validated[len(points):]))
+    comparable = [x for x in compared if points and x.law.law == spec.setup.controller.law]
     table = pyarrow.concat_tables(tables)
     table = table.set_column(0, 'run', pyarrow.array(range(len(table))))
     return Tuning(
         spec=spec, percentile=percentile, seed=seed, trials=tuple(done), front=tuple(front),
         points=tuple(points), best=select_recommended([*points, *comparable]),
-        others=tuple(references), drawn=drawn, fresh=fresh, table=table)
+        others=tuple(compared), drawn=drawn, fresh=fresh, table=table)
 
 
 def select_recommended(candidates: Sequence[Candidate]) -> Candidate | None:

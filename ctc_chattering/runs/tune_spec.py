@@ -50,6 +50,7 @@ from ctc_chattering.runs.spec import (
     MapSpec,
     parse_spec,
     read_law,
+    read_setup,
     read_value,
 )
 
@@ -114,11 +115,10 @@ def gains(numbers: Mapping[str, float], config: ControllerConfig, friction: tupl
     n = len(config.joint_names)
     kp, kv = numbers['pole'] ** 2, 2.0 * numbers['damping'] * numbers['pole']
     values: dict[str, Any] = {'kp': [kp] * n, 'kv': [kv] * n}
-    for name in space(config):
-        if name not in ('pole', 'damping'):
-            number = numbers[name]
-            values[name] = [number * x for x in _scales(name, kp * kv, config, friction)
-                            ] if config.parameters()[name].shape else number
+    for name in (*space(config),)[2:]:  # Without pole and damping.
+        scales = _scales(name, kp * kv, config, friction)
+        values[name] = [numbers[name] * x for x in scales] if config.parameters()[
+            name].shape else numbers[name]
     return values
 
 
@@ -144,11 +144,10 @@ def first_numbers(config: ControllerConfig, friction: tuple[float, ...],
     """
     kp, kv = config.kp[0], config.kv[0]
     file = {'pole': sqrt(kp), 'damping': 0.5 * kv / sqrt(kp)}
-    for name in space(config):
-        if name not in file:
-            value = config.as_mapping()[name]
-            file[name] = value[0] / _scales(name, kp * kv, config, friction)[0] if isinstance(
-                value, tuple) else value
+    for name in (*space(config),)[2:]:
+        value = config.as_mapping()[name]
+        file[name] = value[0] / _scales(name, kp * kv, config, friction)[0] if isinstance(
+            value, tuple) else value
     pole = sqrt(by_rule['kp'][0])
     recommended = file | {
         'pole': pole, 'damping': 0.5 * by_rule['kv'][0] / pole,
@@ -253,9 +252,9 @@ def parse_tune(tree: object, path: Path) -> TuneSpec:
     """
     keys = tuple(x for x in KEYS if x not in ('axes', 'laws', 'failure', 'refine'))
     values = {'repeats': DRAWS, **mapping('spec', tree, keys)}
-    spec = parse_spec(values, path)
     if 'uncertain' not in values:
-        return parse_tune({**values, 'uncertain': usual_uncertainty(spec.setup)}, path)
+        values['uncertain'] = usual_uncertainty(read_setup(values, path.parent))
+    spec = parse_spec(values, path)
     if spec.repeats.sampling == 'saltelli':
         raise ParameterError('sampling', 'saltelli', 'random | latin_hypercube | sobol')
     section = mapping('tune', values.get('tune') or {}, (
@@ -266,10 +265,11 @@ def parse_tune(tree: object, path: Path) -> TuneSpec:
         spec.setup.changed({'reference': {'start_duration': start}}), events=())
     law = _read_tuned_law(section, file)
     setup = file.changed({'controller': law.parameters})
-    own = parameter_file.load(find_config(values.get('params_file', 'friction'), path.parent),
-                              values.get('overrides', {}))  # It has the duration of the file.
+    # The tuned file keeps the duration of its own, not that of the spec.
+    untimed = parameter_file.load(find_config(values.get('params_file', 'friction'), path.parent),
+                                  values.get('overrides', {}))
     dumped = {**file.values, 'bringup': {**file.values['bringup'], 'events': ['']},
-              'plant': {**file.values['plant'], 'duration': own.plant.duration}}
+              'plant': {**file.values['plant'], 'duration': untimed.plant.duration}}
     of_map = vars(spec) | {'setup': setup, 'variants': (law,), 'failure': Failure()}
     tuned = TuneSpec(**of_map, file=file, values=dumped, limits=_read_limits(section, setup),
                      ranges=_read_ranges(section.get('search') or {}, setup))

@@ -37,7 +37,6 @@ from ctc_chattering.runs.tune import (
     Candidate,
     GainsScore,
     pareto_front,
-    percentile_of,
     run_trials,
     score_gains,
     search_gains,
@@ -272,10 +271,10 @@ def point(error: float, variation: float, allowed: bool = True) -> GainsScore:
 
 @pytest.mark.parametrize('n', [1, 3, 20, 32])
 def test_a_percentile_is_the_least_value_that_so_many_do_not_exceed(n: int) -> None:
-    values = random.Random(n).sample(range(100), n)
+    errors = random.Random(n).sample(range(100), n)
     for percentile in (1.0, 50.0, 90.0, 95.0, 96.875, 100.0):
-        enough = [x for x in values if sum(y <= x for y in values) >= percentile / 100.0 * n]
-        assert percentile_of(values, percentile) == min(enough)
+        enough = [x for x in errors if sum(y <= x for y in errors) >= percentile / 100.0 * n]
+        assert over([run(float(x)) for x in errors], FREE, percentile).error == min(enough)
 
 
 def test_a_score_has_the_worst_of_what_is_limited_and_the_percentile_of_the_rest() -> None:
