@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-All laws on any robot and plant, under conditions, with gains of the file or by rule.
+Comparison of all laws on any robot, under conditions.
 
 `ctc compare` calls `compare`. A `ComparisonSpec` lists the runs, `run_lists` and `store` make
 their rows, and `compare_page` writes tables and page.
@@ -69,8 +69,8 @@ class ComparisonSpec:
     laws : sequence of str
         Laws to run, each under every switching that it has.
     conditions : sequence of str
-        Drives, sensors and model error in place of those of the files; ``all`` for each that the
-        robot can have, '' for the robot as it is in the file.
+        Names of conditions in place of those of the files. ``all`` stands for each that the robot
+        can have, '' for the robot of the file.
     gains : {'file', 'recommended'}
         Gains of the file, or of each law by its rule in what the controller knows.
     held_out : int
@@ -96,7 +96,7 @@ class ComparisonSpec:
     cases: str | Path = ''
 
     def __post_init__(self) -> None:
-        """Check all that can be checked without reading a file."""
+        """Check all values that need no file."""
         for name in self.laws:
             if name not in LAWS:
                 raise ParameterError('laws', name, ' | '.join(LAWS) + suggest(name, LAWS))
@@ -108,14 +108,14 @@ class ComparisonSpec:
 
     @property
     def law_settings(self) -> list[LawSettings]:
-        """Rows of a table: `BASELINE`, all laws and switchings, and `BEST`."""
+        """Laws of a table: `BASELINE`, the chosen ones, `BEST`."""
         chosen = [LawSettings(law, switching, self.gains) for law in LAWS if law in self.laws
                   for switching in switchings_of(law) or ('',)]
         best = [BEST] if BEST.law in self.laws else []
         return list(dict.fromkeys([BASELINE, *chosen, *best]))
 
     def runs(self) -> Iterator[ListedRun]:
-        """Yield the runs of every law on every robot in every case."""
+        """Yield the runs of all laws, robots and cases."""
         for file in self.files:
             path = find_config(file) if isinstance(file, str) else file
             cases = self.robot_cases(parameter_file.load(path))
@@ -125,7 +125,7 @@ class ComparisonSpec:
                     yield from _condition_runs(path, condition, law)
 
     def robot_cases(self, setup: Setup) -> list[Case]:
-        """Return all cases of the robot of a parameter file."""
+        """Return all cases of a parameter file's robot."""
         listed = read_cases(find_config(str(self.cases), folder='cases')) if str(
             self.cases) else ()
         names = self.conditions or ([] if listed else [''])
@@ -136,7 +136,7 @@ class ComparisonSpec:
 def _condition_runs(path: Path, condition: Sequence[Case], law: LawSettings
                     ) -> Iterator[ListedRun]:
     """
-    Yield the runs of a law in the cases of one condition.
+    Yield the runs of a law under one condition.
 
     Gains by rule are those of the first case. `part` tells the cases, and the parameters of the
     controller are a column of JSON.
@@ -161,7 +161,11 @@ class ComparisonRuns(RunList):
     """Runs of a comparison."""
 
     def row(self, run: int, runner: Runner = simulate_truth) -> dict[str, Any]:
-        """Return the row of a run. Raise `CtcError` if `BASELINE` has no numbers."""
+        """
+        Return the row of a run.
+
+        Raise `CtcError` if `BASELINE` has no numbers.
+        """
         row = super().row(run, runner)
         is_baseline = (row['law'], row['settings']) == (BASELINE.law, FILE)
         if row['failure'] and is_baseline and not row['held_out']:
@@ -179,13 +183,13 @@ def compare(files: ComparisonSpec | Sequence[str | Path], *, out: str | Path | N
     Parameters
     ----------
     files : sequence of str or Path, or ComparisonSpec
-        Parameter files, or names of those of the package; or all that is run.
+        Parameter files, or names of those of the package. A spec stands for all that is run.
     out : str or Path, optional
         Directory for ``compare.parquet``, a row a run, ``compare.json``, ``compare.md``,
         ``compare.csv``, ``figures``, ``index.html``, and ``parameters``, a file of every run. Runs
         of the same comparison that are there are not computed again.
     jobs : int
-        Processes; with more than 1 a script needs ``if __name__ == '__main__'``.
+        Processes. With more than 1 a script needs ``if __name__ == '__main__'``.
     overwrite : bool
         Replace the output of another comparison there.
     show : callable
@@ -209,8 +213,8 @@ def compare(files: ComparisonSpec | Sequence[str | Path], *, out: str | Path | N
     Raises
     ------
     CtcError
-        If an argument is not allowed, before anything is run; if the law to which all others
-        are compared has no numbers; or if another comparison is in the directory.
+        If an argument is not allowed, before anything is run. If the law to which all others
+        are compared has no numbers, or another comparison is in the directory.
 
     """
     spec = files if isinstance(files, ComparisonSpec) else ComparisonSpec(files, **choices)

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Conditions of a comparison: drives, sensors and model errors, on any robot.
+Conditions of a comparison, for any robot.
 
 `ctc compare` runs every law in the cases that this module makes. A `Condition` makes them for any
 robot, a file lists them, and `held_out_cases` draws them. A condition replaces the drives,
@@ -54,7 +54,7 @@ MIN_START_DURATION_S = 2.0
 @dataclasses.dataclass(frozen=True)
 class Case:
     """
-    Parameters of one run in place of those of a file, with a name.
+    Named overrides of a parameter file for one run.
 
     Attributes
     ----------
@@ -128,13 +128,13 @@ class Condition:
     stops: bool = False
 
     def fits(self, setup: Setup) -> bool:
-        """Return whether the robot of a parameter file can have the condition."""
+        """Return whether a robot can have the condition."""
         has_payload = setup.plant.described or 'payload' not in self.plant
         return has_payload and not (self.stops and setup.route is not None)
 
     def cases(self, setup: Setup) -> list[Case]:
         """
-        Return the runs of the condition on the robot of a parameter file.
+        Return the condition's cases for a parameter file.
 
         Raises
         ------
@@ -193,7 +193,11 @@ CONDITIONS = {condition.name: condition for condition in (
 
 
 def find_condition(name: str) -> Condition:
-    """Return the condition of this name. Raise `UsageError` without one."""
+    """
+    Return the condition of this name.
+
+    Raise `UsageError` if there is none.
+    """
     if name not in CONDITIONS:
         raise UsageError(f'no condition is called {name}; allowed: '
                          f'{", ".join((*CONDITIONS, ALL))}{suggest(name, CONDITIONS)}')
@@ -201,7 +205,11 @@ def find_condition(name: str) -> Condition:
 
 
 def named_cases(names: Sequence[str], setup: Setup) -> list[Case]:
-    """Return the cases of named conditions. `ALL` is each that fits, '' the file as it is."""
+    """
+    Return the cases of named conditions.
+
+    `ALL` is each that fits the robot, '' the file as it is.
+    """
     conditions = [find_condition(name) for name in names if name not in ('', ALL)]
     if ALL in names:
         conditions = [x for x in CONDITIONS.values() if x.fits(setup)]
@@ -235,20 +243,24 @@ _NODES = ('/**', *LOOP)
 
 
 def _section(name: str, value: Any) -> dict[Any, Any]:
-    """Return a mapping with any keys. Raise `ParameterError` for another value."""
+    """
+    Return a mapping with any keys.
+
+    Raise `ParameterError` for another value.
+    """
     if not isinstance(value, dict):
         raise ParameterError(name, value, 'a mapping')
     return value
 
 
 def _overrides(name: str, value: Any, *further_keys: str) -> Overrides:
-    """Return the parameters by node that a part of the file has."""
+    """Return the overrides in a part of the file."""
     values = mapping(name, value, (*_NODES, *further_keys))
     return {node: _section(f'{name}: {node}', values[node]) for node in _NODES if node in values}
 
 
 def merge_overrides(first: Overrides, second: Overrides) -> Overrides:
-    """Return overrides by node and parameter, those of `second` above those of `first`."""
+    """Return overrides, `second` above `first`."""
     return {node: {**first.get(node, {}), **second.get(node, {})} for node in {**first, **second}}
 
 
@@ -269,13 +281,21 @@ def torque_rates(setup: Setup) -> tuple[float, ...]:
 
 
 def held_out_cases(setup: Setup, count: int, seed: int) -> Iterator[Case]:
-    """Yield the first draws of a seed for the robot of a parameter file, the nominal one."""
+    """
+    Yield the first draws of a seed.
+
+    The robot of the parameter file is the nominal one.
+    """
     for index in range(count):
         yield Case(f'held_out_{seed}_{index}', _draw(setup, seed, index), is_held_out=True)
 
 
 def _draw(setup: Setup, seed: int, index: int) -> Overrides:
-    """Return drawn parameters. The order of the draws is part of their meaning."""
+    """
+    Return drawn parameters.
+
+    The order of the draws is part of their meaning.
+    """
     rng = np.random.default_rng((seed, index))
     n = len(setup.plant.joint_names)
 

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Parts of the figures of many runs: looks of laws, panels, error over torque variation.
+Parts of the figures of many runs.
 
 `compare_page`, `map_figures` and `tune_page` draw with them.
 """
@@ -36,7 +36,11 @@ Mark = tuple[float, float, dict[str, Any]]
 
 
 def law_styles(laws: Sequence[str]) -> list[dict[str, Any]]:
-    """Return colour, marker and dashes of laws, which are also distinct without colour."""
+    """
+    Return colour, marker and dashes of laws.
+
+    They are also distinct without colour.
+    """
     colours = shaded([LAW_COLOURS.get(law, MIXED) for law in laws])
     dashes: list[Any] = ['-', (0, (5, 1.5)), (0, (2.5, 1.2)), '-.', (0, (1, 1))]
     return [{'color': colour, 'marker': marker, 'linestyle': dash}
@@ -45,7 +49,11 @@ def law_styles(laws: Sequence[str]) -> list[dict[str, Any]]:
 
 def draw_panels(title: str, names: Sequence[str], ylabel: str, height: float, **options: Any
                 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure and its panels, one for each name; the first of a row has a label."""
+    """
+    Return a figure with a panel for each name.
+
+    The first panel of a row has the label.
+    """
     columns = drawing.column_count(len(names))
     figure, grid = drawing.sheet(title, -(-len(names) // columns), (1.0,) * columns, height,
                                  **options)
@@ -54,7 +62,7 @@ def draw_panels(title: str, names: Sequence[str], ylabel: str, height: float, **
 
 
 def scale_log_axis(ax: Axes, axis: str, values: Iterable[float]) -> None:
-    """Make an axis logarithmic, around the positive values, with plain numbers as ticks."""
+    """Make an axis logarithmic, with plain numbers as ticks."""
     positive = [x for x in values if 0.0 < x < np.inf] or [1.0]
     low, high = min(positive) / 1.4, max(positive) * 1.4
     ax.set(**{f'{axis}scale': 'log', f'{axis}lim': (low, high)})
@@ -67,7 +75,11 @@ def scale_log_axis(ax: Axes, axis: str, values: Iterable[float]) -> None:
 
 def draw_trade_off(ax: Axes, marks: Sequence[Mark], infinite_label: str,
                    further: Iterable[tuple[float, float]] = ()) -> None:
-    """Draw marks, infinite ones in a labelled row at the top; fit the axes to `further` also."""
+    """
+    Draw marks of error over torque variation.
+
+    Infinite ones are in a labelled row at the top. The axes also fit `further` points.
+    """
     finite = [mark for mark in marks if np.isfinite(mark[:2]).all()]
     for x, y, look in finite:
         ax.plot([x], [y], **look)

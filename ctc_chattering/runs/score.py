@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Numbers of one run, and the columns of tables with a row a run.
+Numbers of one run, and their columns in tables.
 
 `score` simulates a setup and evaluates it. `run_lists` makes the row of a table from its `Score`.
 """
@@ -57,7 +57,9 @@ Joints = tuple[float, ...]
 
 class Score(NamedTuple):
     """
-    Numbers of a run, or the worst of several; those of each joint have the shape (n,).
+    Numbers of a run, or the worst of several.
+
+    Those of each joint have the shape (n,).
 
     Attributes
     ----------
@@ -82,9 +84,9 @@ class Score(NamedTuple):
     error_share : float
         Largest of the joints' `error_shares`.
     failure : str
-        Reason why there are no numbers; empty if there are.
+        Reason why there are no numbers. It is empty if there are.
     engine : str
-        `MACHINE_CODE` or `PLAIN_PYTHON`; empty where the run failed.
+        `MACHINE_CODE` or `PLAIN_PYTHON`. It is empty where the run failed.
 
     """
 
@@ -106,19 +108,19 @@ class Score(NamedTuple):
 
     @property
     def error(self) -> float:
-        """Return the largest RMS error of any joint [rad]; inf if it failed."""
+        """Largest RMS error of any joint [rad], inf if it failed."""
         return max(self.rms, default=inf)
 
 
 def simulate_truth(setup: Setup) -> Result:
-    """Simulate without ROS, and return the result with true states."""
+    """Simulate without ROS, with true states."""
     return simulate(setup, truth=True)
 
 
 def score(setup: Setup, window: tuple[float, float] = WINDOW, run: Runner = simulate_truth,
           across_gaps: bool = False) -> Score:
     """
-    Run a setup, and return its numbers or why it has none.
+    Run a setup, and return its numbers or failure.
 
     Parameters
     ----------
@@ -150,7 +152,11 @@ def score(setup: Setup, window: tuple[float, float] = WINDOW, run: Runner = simu
 
 
 def _evaluate(run: Run, setup: Setup, window: tuple[float, float], period: float | None) -> Score:
-    """Return the numbers of a run. Raise `CtcError` if it has no finite error."""
+    """
+    Return the numbers of a run.
+
+    Raise `CtcError` if it has no finite error.
+    """
     # With the samples of a joint one after the other in memory, all this takes half the time.
     by_joint: dict[str, Any] = {name: np.asfortranarray(getattr(run, name)) for name in (
         'dq', 'dq_d', 'ddq_d', 'tau', 'v')}
@@ -178,7 +184,7 @@ def _evaluate(run: Run, setup: Setup, window: tuple[float, float], period: float
 
 def slips_at_rest(run: Run, window: tuple[float, float]) -> Array:
     """
-    Return how often a second each joint begins to move where its reference rests, shape (n,).
+    Return the stick-slips of each joint a second.
 
     It counts how often the velocity exceeds 1e-3 rad/s anew, in those samples of the window for
     which the reference has rested for 0.3 s or more. Without such samples it is 0.
@@ -195,14 +201,14 @@ def slips_at_rest(run: Run, window: tuple[float, float]) -> Array:
 
 
 def torque_limits(setup: Setup) -> list[float]:
-    """Return the largest torque that controller and drives allow, shape (n,) [N·m]."""
+    """Return the largest allowed torque, shape (n,) [N·m]."""
     config, plant = setup.controller, setup.plant
     model = model_of(config, setup.descriptions.get('controller', ''))
     return list(map(min, config.largest_torque(model.effort_limits), plant.torque_saturation))
 
 
 def result_columns(n: int) -> dict[str, tuple[str, str]]:
-    """Return name, type and unit of the columns behind the axes, for `n` joints."""
+    """Return names, types and units of the result columns."""
     texts = dict.fromkeys(('engine', 'failure', 'reason'), ('string', ''))
     summary = {'error': 'rad', 'error_share': '', 'variation': 'N*m/s', 'saturated': '',
                'slips': '1/s'}
