@@ -177,12 +177,15 @@ def _robustness_table(group: Sequence[Outcome]) -> Table:
 def _robustness_row(results: Sequence[Outcome], best: Sequence[Outcome]) -> list[str]:
     """Return the row of a law beside the best one."""
     errors = [x.score.error for x in results]
-    ratios = [median(a / b for a, b in zip(x.score.variation, y.score.variation))
-              for x, y in zip(results, best) if not x.score.failure and not y.score.failure]
-    return [
-        *results[0].law.columns.values(), f'{len(errors) - errors.count(inf)} of {len(errors)}',
-        *(f'{x:.1e}' if x < inf else 'lost' for x in (max(errors), median(errors))),
-        f'{median(ratios):.2g}' if ratios else '']
+    survived = len(errors) - errors.count(inf)
+    texts = [f'{x:.1e}' if x < inf else 'lost' for x in (max(errors), median(errors))]
+    ratios = []
+    for x, y in zip(results, best):
+        if not x.score.failure and not y.score.failure:
+            joints = zip(x.score.variation, y.score.variation)
+            ratios.append(median(a / b for a, b in joints))
+    ratio = f'{median(ratios):.2g}' if ratios else ''
+    return [*results[0].law.columns.values(), f'{survived} of {len(errors)}', *texts, ratio]
 
 
 class Number(NamedTuple):
@@ -195,12 +198,12 @@ class Number(NamedTuple):
 def _error_cells(outcome: Outcome, base: Outcome) -> list[list[Number]]:
     """Return the numbers in cells of the first table."""
     score = outcome.score
+    errors = [Number(x, f'{x:.1e}') for x in score.rms]
     gain = min(a / b if b else inf for a, b in zip(base.score.rms, score.rms))
-    ratio = f'{gain:.2g}×' if gain < 100.0 else f'{gain:.0f}×'
+    text = f'{gain:.2g}×' if gain < 100.0 else f'{gain:.0f}×'
+    ratio = Number(-gain, '' if outcome.law == BASELINE else text)
     peak = max(score.peak)
-    return [*([Number(x, f'{x:.1e}')] for x in score.rms),
-            [Number(-gain, '' if outcome.law == BASELINE else ratio)],
-            [Number(peak, f'{peak:.0f}')]]
+    return [[number] for number in (*errors, ratio, Number(peak, f'{peak:.0f}'))]
 
 
 def _torque_cells(outcome: Outcome, has_stops: bool) -> list[list[Number]]:
@@ -216,11 +219,11 @@ def _rows(group: Sequence[Outcome], cells: Callable[[Outcome], list[list[Number]
           ) -> list[list[str]]:
     """Return rows with the smallest numbers bold."""
     content = [[] if x.score.failure else cells(x) for x in group]
-    smallest = [[min(numbers).value for numbers in zip(*column)]
-                for column in zip(*filter(None, content))]
+    columns = list(zip(*filter(None, content)))
+    smallest = [[min(numbers).value for numbers in zip(*column)] for column in columns]
     rows = []
     for outcome, numbers in zip(group, content):
-        texts = [_cell(*pair) for pair in zip(numbers, smallest)] or ['diverged'] * len(smallest)
+        texts = list(map(_cell, numbers, smallest)) if numbers else ['diverged'] * len(columns)
         rows.append([*outcome.law.columns.values(), *texts])
     return rows
 

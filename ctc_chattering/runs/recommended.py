@@ -96,23 +96,22 @@ BASELINE = LawSettings(BASELINE_LAW)
 BEST = LawSettings(RECOMMENDED_LAW, '', RECOMMENDED)
 
 
-def desired_points(setup: Setup, duration: float, count: int
-                   ) -> Iterator[tuple[list[float], list[float], list[float]]]:
+def desired_points(setup: Setup, duration: float, count: int) -> Iterator[list[list[float]]]:
     """Yield q_d, dq_d and ddq_d at instants of the motion."""
     plant, reference = setup.plant, setup.reference
-    start = dict(zip(plant.joint_names, zip(plant.initial_position, plant.initial_velocity)))
+    states = zip(plant.initial_position, plant.initial_velocity)
+    start = dict(zip(plant.joint_names, states))
     motion = make_motion(reference, setup.route, start, continuous=setup.continuous)
     order = [reference.joint_names.index(name) for name in setup.controller.joint_names]
     for t in np.linspace(0.0, 1e9 * duration, count).astype(int).tolist():
-        q, dq, ddq = ([row[i] for i in order] for row in motion.at(t))
-        yield q, dq, ddq
+        yield [[row[i] for i in order] for row in motion.at(t)]
 
 
 def largest_torque(setup: Setup) -> Array:
     """Return the model's largest torque in the motion [N·m]."""
     model = model_of(setup.controller, setup.descriptions.get('controller', ''))
-    torques = [model.inverse_dynamics(q, dq, ddq)
-               for q, dq, ddq in desired_points(setup, setup.plant.duration, 500)]
+    points = desired_points(setup, setup.plant.duration, 500)
+    torques = [model.inverse_dynamics(*point) for point in points]
     largest: Array = np.abs(torques).max(axis=0)
     return largest
 

@@ -57,8 +57,11 @@ def draw_panels(title: str, names: Sequence[str], ylabel: str, height: float, **
     columns = drawing.column_count(len(names))
     figure, grid = drawing.sheet(title, -(-len(names) // columns), (1.0,) * columns, height,
                                  **options)
-    return figure, [drawing.panel(figure, grid[k // columns, k % columns], name,
-                                  '' if k % columns else ylabel) for k, name in enumerate(names)]
+    axes = []
+    for k, name in enumerate(names):
+        row, column = divmod(k, columns)
+        axes.append(drawing.panel(figure, grid[row, column], name, '' if column else ylabel))
+    return figure, axes
 
 
 def scale_log_axis(ax: Axes, axis: str, values: Iterable[float]) -> None:
@@ -80,11 +83,15 @@ def draw_trade_off(ax: Axes, marks: Sequence[Mark], infinite_label: str,
 
     Infinite ones are in a labelled row at the top. The axes also fit `further` points.
     """
-    finite = [mark for mark in marks if np.isfinite(mark[:2]).all()]
-    for x, y, look in finite:
-        ax.plot([x], [y], **look)
-    drawing.beyond(ax, infinite_label,
-                   [look for x, y, look in marks if not np.isfinite((x, y)).all()])
+    points = list(further)
+    infinite = []
+    for x, y, look in marks:
+        if np.isfinite((x, y)).all():
+            ax.plot([x], [y], **look)
+            points.append((x, y))
+        else:
+            infinite.append(look)
+    drawing.beyond(ax, infinite_label, infinite)
     ax.set(xlabel='torque variation [N·m/s]')
-    for axis, values in zip('xy', zip(*(mark[:2] for mark in finite), *further)):
+    for axis, values in zip('xy', zip(*points)):
         scale_log_axis(ax, axis, values)

@@ -336,9 +336,9 @@ class MapRuns(RunList):
         failures = np.bincount(index, np.asarray(table['failure']) != '')
         point, law = np.divmod(cells, laws)
         states.reshape(laws, -1)[law, point] = np.where(2 * failures >= repeats, FAILS, PASSES)
-        first_runs = np.sort(np.concatenate([
-            (np.flatnonzero(next_points(state, self.spec.coarse)) * laws + k) * repeats
-            for k, state in enumerate(states)]))
+        next_cells = [np.flatnonzero(next_points(state, self.spec.coarse)) * laws + k
+                      for k, state in enumerate(states)]
+        first_runs = repeats * np.sort(np.concatenate(next_cells))
         runs: npt.NDArray[np.int64] = (first_runs[:, np.newaxis] + np.arange(repeats)).ravel()
         return runs
 
@@ -401,11 +401,15 @@ def result_row(result: Score, n: int, failure: Failure, failure_kind: str = 'div
     if result.failure:
         return row
     for name, (column, _) in PER_JOINT.items():
-        row.update({f'{column}_{i}': x for i, x in enumerate(getattr(result, name), 1)})
-    row.update({column: getattr(result, name) for name, (column, _) in OVERALL.items()})
-    row.update(error=result.error, error_share=result.error_share,
-               variation=max(result.variation), saturated=result.saturated,
-               slips=max(result.slips))
+        for i, x in enumerate(getattr(result, name), 1):
+            row[f'{column}_{i}'] = x
+    for name, (column, _) in OVERALL.items():
+        row[column] = getattr(result, name)
+    row['error'] = result.error
+    row['error_share'] = result.error_share
+    row['variation'] = max(result.variation)
+    row['saturated'] = result.saturated
+    row['slips'] = max(result.slips)
     row['failure'], row['reason'] = _judge(row, failure)
     return {name: x if isinstance(x, str) or (x is not None and isfinite(x)) else None
             for name, x in row.items()}
@@ -452,14 +456,16 @@ def next_points(state: npt.NDArray[np.int8], coarse: tuple[int, ...]) -> Mask:
     unknown: Mask = state == UNKNOWN
     wanted[tuple(slice(None, None, step) for step in coarse)] = True
     while max(coarse, default=1) > 1 and not (wanted & unknown).any():
-        corners, halves = (tuple(slice(None, None, max(step // k, 1)) for step in coarse)
-                           for k in (1, 2))
-        firsts = product(*(range(0, n - (step > 1), step) for n, step in zip(state.shape, coarse)))
-        for first in firsts:
-            cell = tuple(slice(a, a + step + (step > 1)) for a, step in zip(first, coarse))
+        finer = tuple(max(step // 2, 1) for step in coarse)
+        corners = tuple(slice(None, None, step) for step in coarse)
+        halves = tuple(slice(None, None, step) for step in finer)
+        widths = [step + (step > 1) for step in coarse]  # Both sides belong to a cell.
+        firsts = [range(0, n - (step > 1), step) for n, step in zip(state.shape, coarse)]
+        for first in product(*firsts):
+            cell = tuple(slice(a, a + width) for a, width in zip(first, widths))
             states = state[cell]
             is_mixed = (states == PASSES).any() and (states == FAILS).any()
             if is_mixed and (states[corners] != UNKNOWN).all():
                 wanted[cell][halves] = True
-        coarse = tuple(max(step // 2, 1) for step in coarse)
+        coarse = finer
     return wanted & unknown

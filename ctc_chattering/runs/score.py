@@ -38,15 +38,20 @@ import numpy as np
 COLUMN_TYPES = {int: 'int64', str: 'string', float: 'float64'}
 #: Columns and units of what each joint has, by its name in `Score`. `analysis.metrics` has the
 #: first five by the same names.
-PER_JOINT = {'rms': ('rms_error_rad', 'rad'), 'rms_torque': ('rms_torque_nm', 'N*m'),
-             'variation': ('torque_variation_nm_per_s', 'N*m/s'),
-             'step': ('max_torque_step_nm', 'N*m'), 'rate': ('max_torque_rate_nm_per_s', 'N*m/s'),
-             'peak': ('peak_torque_nm', 'N*m'),
-             'peak_rate': ('peak_torque_rate_nm_per_s', 'N*m/s'), 'slips': ('slips_per_s', '1/s')}
+PER_JOINT = {
+    'rms': ('rms_error_rad', 'rad'),
+    'rms_torque': ('rms_torque_nm', 'N*m'),
+    'variation': ('torque_variation_nm_per_s', 'N*m/s'),
+    'step': ('max_torque_step_nm', 'N*m'),
+    'rate': ('max_torque_rate_nm_per_s', 'N*m/s'),
+    'peak': ('peak_torque_nm', 'N*m'),
+    'peak_rate': ('peak_torque_rate_nm_per_s', 'N*m/s'),
+    'slips': ('slips_per_s', '1/s')}
 #: Columns of what there is once, with type and unit, by its name in `Score`.
-OVERALL = {'norm1': ('max_error_norm1_rad', ('float64', 'rad')),
-           'reaching_time': ('reaching_time_s', ('float64', 's')),
-           'missing': ('missing_samples', ('int64', ''))}
+OVERALL = {
+    'norm1': ('max_error_norm1_rad', ('float64', 'rad')),
+    'reaching_time': ('reaching_time_s', ('float64', 's')),
+    'missing': ('missing_samples', ('int64', ''))}
 #: Columns that tell a run of a map, before the axes and uncertain quantities.
 RUN_COLUMNS = ('run', 'point', 'repeat', 'seed', 'variant', 'law', 'switching')
 #: Runs a setup, and returns the result.
@@ -164,22 +169,31 @@ def _evaluate(run: Run, setup: Setup, window: tuple[float, float], period: float
     numbers = metrics(run, window, period=period)
     if numbers['rms_error_rad'] is None:
         raise CtcError(f'fewer than two samples from {window[0]:g} s to {window[1]:g} s')
-    values: dict[str, Any] = {name: tuple(numbers[column])
-                              for name, (column, _) in PER_JOINT.items() if column in numbers}
-    in_window = Score(**values, **{name: numbers[column]
-                                   for name, (column, _) in OVERALL.items()})
-    if not isfinite(in_window.error):
+    values: dict[str, Any] = {name: numbers[column] for name, (column, _) in OVERALL.items()}
+    for name, (column, _) in PER_JOINT.items():
+        if column in numbers:
+            values[name] = tuple(numbers[column])
+    if not isfinite(max(values['rms'])):
         raise CtcError('the error is not finite')
     tau = np.abs(run.tau)
-    rounding = 1.0 - 1e-9  # A torque this close to its limit is at it.
-    at_limit = tau[within(run.t, window)] >= rounding * np.array(torque_limits(setup))
-    step, dt = np.abs(np.diff(run.tau, axis=0)), np.diff(run.t)[:, np.newaxis]
-    neighbours = dt < 1.5 * setup.controller.control_period
-    return in_window._replace(
+    limit = (1.0 - 1e-9) * np.array(torque_limits(setup))  # A torque so close to it is at it.
+    at_limit = tau[within(run.t, window)] >= limit
+    return Score(
+        **values,
+        error_share=float(error_shares(run, values['rms']).max()),
+        saturated=float(at_limit.any(axis=1).mean()),
         slips=tuple(slips_at_rest(run, window).tolist()),
-        error_share=float(error_shares(run, in_window.rms).max()),
-        peak=tuple(tau.max(axis=0).tolist()), saturated=float(at_limit.any(axis=1).mean()),
-        peak_rate=tuple(np.where(neighbours, step / dt, 0.0).max(axis=0).tolist()))
+        peak=tuple(tau.max(axis=0).tolist()),
+        peak_rate=tuple(_peak_rate(run, setup.controller.control_period).tolist()))
+
+
+def _peak_rate(run: Run, period: float) -> Array:
+    """Return the largest torque rate between neighbours, shape (n,) [N·m/s]."""
+    step = np.abs(np.diff(run.tau, axis=0))
+    dt = np.diff(run.t)[:, np.newaxis]
+    rates: Array = np.where(dt < 1.5 * period, step / dt, 0.0)
+    largest: Array = rates.max(axis=0)
+    return largest
 
 
 def slips_at_rest(run: Run, window: tuple[float, float]) -> Array:
@@ -192,10 +206,11 @@ def slips_at_rest(run: Run, window: tuple[float, float]) -> Array:
     t = run.t[:, np.newaxis]
     moves = (run.dq_d != 0.0) | (run.ddq_d != 0.0)
     last_move = np.maximum.accumulate(np.where(moves, t, t[0]), axis=0)
-    rests = (t - last_move >= 0.3) & within(t, window)
+    rests = ((t - last_move >= 0.3) & within(t, window))[1:]
     is_fast = np.abs(run.dq) > 1e-3
-    slips = (is_fast[1:] & ~is_fast[:-1] & rests[1:]).sum(axis=0)
-    time = np.where(rests[1:], np.diff(t, axis=0), 0.0).sum(axis=0)
+    begins = is_fast[1:] & ~is_fast[:-1]
+    slips = (begins & rests).sum(axis=0)
+    time = np.where(rests, np.diff(t, axis=0), 0.0).sum(axis=0)
     rate: Array = slips / np.where(time > 0.0, time, np.inf)
     return rate
 

@@ -128,13 +128,16 @@ def score_gains(runs: pandas.DataFrame, limits: Limits, percentile: float) -> Ga
     if len(refused):
         raise CtcError(refused.iloc[0])
     good = runs[runs['failure'] == '']
-    excess, largest = {DIVERGED: 1.0 - len(good) / len(runs)}, {}
-    for name, column, limit in ((TORQUE, PER_JOINT['peak'][0], limits.torque),
-                                (RATE, PER_JOINT['peak_rate'][0], limits.rate)):
+    excess = {DIVERGED: 1.0 - len(good) / len(runs)}
+    largest = {}
+    for name, quantity, limit in ((TORQUE, 'peak', limits.torque),
+                                  (RATE, 'peak_rate', limits.rate)):
+        column, _ = PER_JOINT[quantity]
         values = good[[f'{column}_{i}' for i, _ in enumerate(limit, 1)]].to_numpy()
-        rounding = 1.0 + 1e-9  # A torque that exceeds its limit by less keeps it.
-        excess[name] = float((values / limit).max() if len(good) else 1.0) - rounding
-        largest[name] = tuple(values.max(0).tolist()) if len(good) else (math.inf,) * len(limit)
+        used, largest[name] = 1.0, (math.inf,) * len(limit)
+        if len(good):
+            used, largest[name] = float((values / limit).max()), tuple(values.max(0).tolist())
+        excess[name] = used - (1.0 + 1e-9)  # Rounding of a torque at its limit is no excess.
     bounds = np.percentile(runs[['error', 'variation']].fillna(math.inf), percentile, axis=0,
                            method='inverted_cdf')
     return GainsScore(*bounds.tolist(), largest[TORQUE], largest[RATE], excess)

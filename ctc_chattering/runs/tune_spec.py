@@ -113,12 +113,14 @@ def gains(numbers: Mapping[str, float], config: ControllerConfig, friction: tupl
 
     """
     n = len(config.joint_names)
-    kp, kv = numbers['pole'] ** 2, 2.0 * numbers['damping'] * numbers['pole']
+    kp = numbers['pole'] ** 2
+    kv = 2.0 * numbers['damping'] * numbers['pole']
     values: dict[str, Any] = {'kp': [kp] * n, 'kv': [kv] * n}
     for name in (*space(config),)[2:]:  # Without pole and damping.
-        scales = _scales(name, kp * kv, config, friction)
-        values[name] = [numbers[name] * x for x in scales] if config.parameters()[
-            name].shape else numbers[name]
+        values[name] = numbers[name]
+        if config.parameters()[name].shape:
+            scales = _scales(name, kp * kv, config, friction)
+            values[name] = [numbers[name] * x for x in scales]
     return values
 
 
@@ -146,8 +148,9 @@ def first_numbers(config: ControllerConfig, friction: tuple[float, ...],
     file = {'pole': sqrt(kp), 'damping': 0.5 * kv / sqrt(kp)}
     for name in (*space(config),)[2:]:
         value = config.as_mapping()[name]
-        file[name] = value[0] / _scales(name, kp * kv, config, friction)[0] if isinstance(
-            value, tuple) else value
+        if isinstance(value, tuple):
+            value = value[0] / _scales(name, kp * kv, config, friction)[0]
+        file[name] = value
     pole = sqrt(by_rule['kp'][0])
     recommended = file | {
         'pole': pole, 'damping': 0.5 * by_rule['kv'][0] / pole,
@@ -162,9 +165,11 @@ def first_numbers(config: ControllerConfig, friction: tuple[float, ...],
 def _scales(name: str, product: float, config: ControllerConfig, friction: tuple[float, ...]
             ) -> tuple[float, ...]:
     """Return the factors from a number to gains, shape (n,)."""
-    n = len(config.joint_names)
-    return {'ka': tuple(x or 1.0 for x in config.ka), 'ki': (product,) * n,
-            'adaptation_gain': tuple(x or 1.0 for x in friction)}.get(name, (1.0,) * n)
+    if name == 'ka':
+        return tuple(x or 1.0 for x in config.ka)
+    if name == 'adaptation_gain':
+        return tuple(x or 1.0 for x in friction)
+    return (product if name == 'ki' else 1.0,) * len(config.joint_names)
 
 
 class Limits(NamedTuple):
