@@ -94,7 +94,8 @@ def test_an_unknown_condition_is_refused() -> None:
 
 
 @pytest.mark.parametrize('name', SET)
-def test_a_condition_replaces_drives_sensors_and_model_error_only(name: str, spoiled: Path) -> None:
+def test_a_condition_replaces_drives_sensors_and_model_error_only(
+        name: str, spoiled: Path) -> None:
     plant, controllers = SET[name]
     plain = PlantConfig().as_mapping()
     for file in (FRICTION, spoiled):

@@ -128,7 +128,8 @@ def test_a_recommended_law_has_its_own_switching_and_name() -> None:
     ({'failure': 3}, ['failure', '3', 'error_above']),
     ({'failure': {'error': 3}}, ["'error'", 'error_above, error_share_above, saturated_above']),
     ({'repeats': 9_999_999}, ['119999988 runs', '6 points, 2 laws', 'allowed: 10000000'])])
-def test_an_error_names_file_key_value_and_allowed_ones(tmp_path: Path, changes: dict[str, Any], words: list[str]) -> None:
+def test_an_error_names_file_key_value_and_allowed_ones(
+        tmp_path: Path, changes: dict[str, Any], words: list[str]) -> None:
     """Check a line with the file, the key, its value and what is allowed."""
     path = written(tmp_path / 'bad.yaml', **changes)
     with pytest.raises(CtcError) as error:
@@ -258,7 +259,8 @@ def test_an_axis_that_is_not_allowed_is_refused(tree: Any, words: list[str]) -> 
     ({'log_uniform': [0, 1]}, ['> 0']), ({'normal': [1, 0]}, ['standard deviation > 0']),
     ({'choice': []}, ['different numbers']), ({'choice': [1, 1]}, ['different numbers']),
     ({'values': [1]}, ['values', 'a mapping of parameter'])])
-def test_a_distribution_that_is_not_allowed_is_refused(distribution: dict[str, Any], words: list[str]) -> None:
+def test_a_distribution_that_is_not_allowed_is_refused(
+        distribution: dict[str, Any], words: list[str]) -> None:
     with pytest.raises(ParameterError) as error:
         read_uncertain('x', {'parameter': FRICTION, **distribution})
     assert [word for word in words if word not in str(error.value)] == []
