@@ -463,7 +463,7 @@ def read_setup(values: Mapping[str, Any], beside: Path) -> Setup:
         overrides = {**overrides, 'plant': plant}
     setup = parameter_file.load(find_config(name, beside), overrides)
     if setup.plant.duration == 0.0:
-        raise ParameterError('duration', 0.0, 'a number > 0, for every run must end')
+        raise ParameterError('duration', 0.0, 'a number > 0, since every run must end')
     return setup
 
 

@@ -55,7 +55,7 @@ def loops_of(setup: Setup) -> Loops:
     Raises
     ------
     CtcError
-        If the law is not linear, or its torque not in proportion to M̂.
+        If the law is not linear, or its torque not proportional to M̂.
 
     """
     config, plant = setup.controller, setup.plant
@@ -83,8 +83,8 @@ def _check_proportion(config: ControllerConfig, law: LinearLaw, mass: Array) -> 
     """Refuse a law whose torque is not proportional to M̂."""
     response = linear_law(config, mass).response()
     if not np.abs(mass @ law.response() - response).max() <= 1e-3 * np.abs(response).max():
-        raise CtcError(f'law {config.law}: its torque is not in proportion to M of the model; its '
-                       'stability is not computed')
+        raise CtcError(f'law {config.law}: its torque is not proportional to the mass matrix of '
+                       'its model, so that its stability cannot be computed')
 
 
 def _joints_are_equal(config: ControllerConfig, lags: Array) -> bool:
@@ -128,7 +128,7 @@ def stability(setup: Setup) -> Margins:
     Raises
     ------
     CtcError
-        If the law is not linear, or its torque not in proportion to M of the model.
+        If the law is not linear, or its torque not proportional to M of the model.
 
     Examples
     --------

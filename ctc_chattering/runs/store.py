@@ -263,8 +263,8 @@ def open_directory(path: Path, metadata: Mapping[str, Any], columns: pyarrow.Sch
                 raise CtcError(f'{path / name}: was changed since {owner} wrote it; move it '
                                'away, or choose another --out')
         if not overwrite and _existing_key(target, command) not in ('', metadata['key']):
-            raise CtcError(f'{path}: the output of {owner} of another spec or version is '
-                           'there; choose another --out, or --overwrite')
+            raise CtcError(f'{path}: there is output of {owner} for another spec or version; '
+                           'choose another --out, or replace it with --overwrite')
         if not overwrite or not contents.output:
             yield Directory(folder, metadata, columns, command)
             return

@@ -151,7 +151,7 @@ def test_results(tmp_path: Path) -> None:
     with held(out, 'ctc map'):
         refused(ctc(*words), f'{out}: another process is writing there')
     written(spec, seed=8)
-    refused(ctc(*words), f'{out}: the output of ctc map of another spec or version',
+    refused(ctc(*words), f'{out}: there is output of ctc map for another spec or version',
             '--overwrite')
     assert tables(out) == before
 

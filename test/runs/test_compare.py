@@ -299,7 +299,7 @@ def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Pa
     assert '4 runs in 4 chunks, 4 of them computed' in again.stderr
     assert len((out / 'compare.csv').read_text().splitlines()) == 1 + 2 * 2 * 2
     refused(ctc(*arguments, '--seed', 3, '--held-out', 1, '--out', out),
-            'the output of ctc compare of another spec or version', '--overwrite')
+            'there is output of ctc compare for another spec or version', '--overwrite')
 
 
 @pytest.mark.slow
