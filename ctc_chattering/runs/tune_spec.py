@@ -42,7 +42,7 @@ from ctc_chattering.errors import CtcError, ParameterError, prefixed
 from ctc_chattering.input_files import read_text
 from ctc_chattering.parameters import LEAST
 from ctc_chattering.runs.conditions import MIN_START_DURATION_S
-from ctc_chattering.runs.recommended import LawSettings, recommended_setup
+from ctc_chattering.runs.recommended import FILE, LawSettings, RECOMMENDED, recommended_setup
 from ctc_chattering.runs.score import torque_limits
 from ctc_chattering.runs.spec import (
     Failure,
@@ -222,15 +222,16 @@ class TuneSpec(MapSpec):
     def references(self) -> tuple[LawSettings, ...]:
         """Laws to compare with: gains of the file and recommended."""
         tuned = self.setup.controller
-        setups = {'file': self.file, **{f'recommended {law}': recommended_setup(self.file, law)
-                                        for law in (tuned.law, RECOMMENDED_LAW)}}
+        by_rule = [recommended_setup(self.file, law)
+                   for law in dict.fromkeys((tuned.law, RECOMMENDED_LAW))]
         laws = []
-        for name, setup in setups.items():
+        for setup in (self.file, *by_rule):
             config = setup.controller
-            words = (name, '' if config.law in name else config.law, config.switching_in_force)
-            values = {key: x for key, x in config.as_mapping().items()
-                      if x != tuned.as_mapping()[key]}
-            laws.append(LawSettings(config.law, config.switching_in_force, values=values,
+            switching = config.switching_in_force
+            words = (FILE if setup is self.file else RECOMMENDED, config.law, switching)
+            values = {name: x for name, x in config.as_mapping().items()
+                      if x != tuned.as_mapping()[name]}
+            laws.append(LawSettings(config.law, switching, values=values,
                                     name=' '.join(filter(None, words))))
         return tuple(laws)
 
