@@ -35,10 +35,11 @@ from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.tables import bold, csv_text, markdown, markdown_table, Table
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.number_format import format_number
 from ctc_chattering.output_files import file_stem, write_text
 from ctc_chattering.runs.conditions import CONDITIONS
+from ctc_chattering.runs.law_figures import draw_panels, draw_trade_off, law_styles
 from ctc_chattering.runs.recommended import BASELINE, BEST, LawSettings
-from ctc_chattering.runs.run_figures import draw_panels, draw_trade_off, law_styles
 from ctc_chattering.runs.run_lists import RunList
 from ctc_chattering.runs.score import PER_JOINT, Score
 from ctc_chattering.runs.store import FIGURES, PAGE
@@ -191,9 +192,8 @@ def _error_table(group: Sequence[Outcome]) -> Table:
         line = [Number(error, f'{error:.1e}') for error in x.score.rms]
         if line:
             gain = min(a / b if b else inf for a, b in zip(group[0].score.rms, x.score.rms))
-            ratio = f'{gain:.2g}×' if gain < 100.0 else f'{gain:.0f}×'
             peak = max(x.score.peak)
-            line.append(Number(-gain, '' if x.law == BASELINE else ratio))
+            line.append(Number(-gain, '' if x.law == BASELINE else f'{format_number(gain, 2)}×'))
             line.append(Number(peak, f'{peak:.0f}'))
         lines.append(line)
     return Table(

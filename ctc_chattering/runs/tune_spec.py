@@ -30,7 +30,6 @@ from math import inf, sqrt
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.package_share import find_config
@@ -40,6 +39,7 @@ from ctc_chattering.control.laws.registry import laws_by_parameter, OF_SWITCHING
 from ctc_chattering.control.recommended_gains import RECOMMENDED_LAW, RECOMMENDED_SWITCHING
 from ctc_chattering.errors import CtcError, ParameterError, prefixed
 from ctc_chattering.input_files import read_text
+from ctc_chattering.number_format import round_number
 from ctc_chattering.parameters import LEAST
 from ctc_chattering.runs.conditions import MIN_START_DURATION_S
 from ctc_chattering.runs.recommended import FILE, LawSettings, RECOMMENDED, recommended_setup
@@ -209,8 +209,8 @@ class TuneSpec(MapSpec):
     def gains(self, numbers: Mapping[str, float]) -> dict[str, Any]:
         """Return the gains that numbers mean, to four digits."""
         values = gains(numbers, self.setup.controller, self.setup.plant.coulomb_friction)
-        return {name: [rounded(x, 4) for x in value] if isinstance(value, list)
-                else rounded(value, 4) for name, value in values.items()}
+        return {name: [round_number(x, 4) for x in value] if isinstance(value, list)
+                else round_number(value, 4) for name, value in values.items()}
 
     def law(self, name: str, numbers: Mapping[str, float]) -> LawSettings:
         """Return the tuned law with its gains."""
