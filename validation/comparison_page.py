@@ -20,7 +20,6 @@ import csv
 from math import inf
 from pathlib import Path
 import re
-from statistics import median
 
 from ctc_chattering.cli.ctc import main as ctc
 
