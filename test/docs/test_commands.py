@@ -43,6 +43,7 @@ PAGES = (ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *(
 FAST = ('ctc new-robot', 'ctc check-model --model', 'bringup pendulum')
 RUNS = (*FAST, 'ctc check-model', 'ctc compare', 'ctc excite', 'ctc map gains', 'ctc plot',
         'ctc tune friction', 'bringup panda', 'bringup excite', 'bringup --pacing',
+        'bringup ur5',
         *(f'ros2 run ctc_chattering {name} --ros-args --params-file'
           for name in ('plant', 'controller', 'reference')))
 #: Replacement of the client ros2, and of the commands that pip installs, for short runs.
@@ -175,3 +176,16 @@ def test_the_command_succeeds(line: Line, folder: Path) -> None:
         finally:
             process.kill()
     assert process.returncode == 0, ''.join(said) + output
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('law', ['compensation', 'observer_feedback'])
+def test_the_readme_shows_what_ctc_simulate_prints(law: str, tmp_path: Path) -> None:
+    """Compare the comment behind a line of the first ten minutes, up to its dots."""
+    text = (ROOT / 'README.md').read_text(encoding='utf-8')
+    (shown,) = re.findall(rf'^ctc simulate ur5 --law {law} +# (.*) \.\.\.$', text, re.MULTILINE)
+    output = subprocess.run(
+        [sys.executable, '-m', 'ctc_chattering.cli.ctc', 'simulate', 'ur5', '--law', law],
+        cwd=tmp_path, env={**os.environ, 'PYTHONPATH': str(ROOT)}, text=True,
+        stdout=subprocess.PIPE, timeout=10 * PATIENCE, check=True).stdout
+    assert ' '.join(shown.split()) in ' '.join(output.split())

@@ -77,7 +77,8 @@ PATHS = {'CONTRIBUTING.md': ('ctc_chattering', ''), 'docs/design.md': (
          'README.md': ('',), **{f'docs/{name}.md': ('ctc_chattering', '', 'docs') for name in (
              'laws', 'theory', 'plant', 'safety', 'comparison', 'identification')}}
 #: Spans that look like paths but are topics of ROS or files of a system.
-NO_PATHS = r'.*\.\.\.|/.*|~/|(excite|identified)/.*|.*_controller/.*|(controller|plant|reference|~)/\w+'
+NO_PATHS = (r'.*\.\.\.|/.*|~/|(excite|identified)/.*|.*_controller/.*|'
+            r'(controller|plant|reference|~)/\w+')
 
 
 @pytest.mark.parametrize('page', PATHS)
