@@ -150,6 +150,24 @@ class Parameter:
         return text
 
     @property
+    def facts(self) -> str:
+        """Unit, range and number of values, for the help of an option."""
+        if self.choices:
+            return self.allowed
+        facts = [unit_text(self.unit)]
+        if self.minimum == LEAST:
+            facts.append('above 0')
+        elif math.isfinite(self.minimum):
+            facts.append(f'at least {self.minimum:g}')
+        if math.isfinite(self.maximum):
+            facts.append(f'at most {self.maximum:g}')
+        if self.infinite:
+            facts.append('or .inf')
+        if self.shape == 'n':
+            facts.append('one value or one per joint')
+        return ', '.join(filter(None, facts))
+
+    @property
     def bounds(self) -> tuple[float, float]:
         """Least and largest finite value."""
         largest = _LARGEST_INTEGER if self.kind == 'int' else LARGEST

@@ -116,10 +116,10 @@ LOOP: dict[str, type[Config]] = {
     'plant': PlantConfig, 'controller': ControllerConfig, 'reference': ReferenceConfig}
 #: Description of each node for its --help.
 NODE_DESCRIPTIONS = {
-    'plant': 'The simulated robot: receives torques, publishes joint states.',
-    'controller': 'The controller: answers each joint state with torques.',
-    'reference': 'The reference: publishes the desired motion in advance.',
-    'recorder': 'The recorder: records every message of the graph in a bag.'}
+    'plant': 'Simulate the robot. It receives torques and publishes joint states.',
+    'controller': 'Control the robot. Each joint state is answered with torques.',
+    'reference': 'Publish the desired motion in advance.',
+    'recorder': 'Record every message of the graph in a bag.'}
 
 
 def parameter_table() -> str:
