@@ -78,7 +78,7 @@ FAILS = {
     'compare endless.yaml --laws integral': ['duration: 0.0 is not allowed', 'must end'],
     **{f'{command}{LONG}': [LONG[:9], reason] for command, reason in (
         ('simulate --params-file empty/', 'too long'), ('check-model --urdf ', 'too long'),
-        ('check-model --urdf package://a/', 'not installed'), ('repair ', 'too long'),
+        ('check-model --urdf package://a/', 'no installed file'), ('repair ', 'too long'),
         ('live ', 'too long'), ('plot ', 'too long'),
         ('simulate --duration 0.01 --out ', 'too long'))},
     **{f'{command} {file}': [f'{file}: is {kind}; a regular file is needed']

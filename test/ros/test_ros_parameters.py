@@ -176,8 +176,8 @@ def test_a_set_is_all_or_nothing_and_nothing_that_is_sent_ends_a_node(
                 ('law', 'picky:law', 'only at the start'),
                 ('switching', 'own_switching:Smooth', 'only at the start'),
                 # As `ros2 param set` sends what YAML does not take for a number.
-                ('kp', '1e-9', "; write 1.0e-9: '1e-9' is text to YAML"),
-                ('ki', [501.0, 0.0], 'the law picky:Law cannot be made: ValueError: too much')):
+                ('kp', '1e-9', "; write 1.0e-9, because YAML reads '1e-9' as text"),
+                ('ki', [501.0, 0.0], 'the law picky:Law cannot be constructed: ValueError: too much')):
             answer = it.set('controller', name, value)
             assert not answer.successful and words in answer.reason
         for node, setter in setters.items():
