@@ -151,7 +151,7 @@ class Parameter:
 
     @property
     def facts(self) -> str:
-        """Unit, range and number of values, for the help of an option."""
+        """Return unit, range and number of values for the help of an option."""
         if self.choices:
             return self.allowed
         facts = [unit_text(self.unit)]

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Export of a control law for one robot as a C library.
+Export of a law for one robot to C.
 
 `ctc export-c` calls `export`. The library has object code, a header, and the numbers of the law.
 Machine code takes records and arrays by their addresses. In C all of them lie in one block of
@@ -82,32 +82,36 @@ class MemoryBlock:
         self.calls: list[tuple[int, str]] = []
         self._positions: dict[int, int] = {}
 
-    def position(self, part: Any, *fields: str) -> int:
+    def position(self, data: Any, *fields: str) -> int:
         """
         Return the position of a record or array, which is added the first time.
 
         Parameters
         ----------
-        part : NumPy record or array
+        data : NumPy record or array
             Part of the memory.
         *fields : str
             Path to a field of the record, whose position is then returned.
 
         """
-        memory: Any = next(argument_memory(part))
+        memory: Any = next(argument_memory(data))
         address = memory.ctypes.data
         if address not in self._positions:
             self._positions[address] = len(self.words)
             content = memory.tobytes() + bytes(-memory.nbytes % _WORD_BYTES)
             self.words += np.frombuffer(content, np.uint64).tolist()
-        position, dtype = self._positions[address], part.dtype
+        position, dtype = self._positions[address], data.dtype
         for name in fields:
             dtype, offset = dtype.fields[name][:2]
             position += offset // _WORD_BYTES
         return position
 
     def add_call(self, arguments: tuple[Any, ...], addresses: Any) -> int:
-        """Add a function's arguments and the array of their addresses; return its position."""
+        """
+        Add the arguments of a function, and the array of their addresses.
+
+        The position of this array is returned.
+        """
         targets = [x if x is None else self.position(x) for x in argument_memory(arguments)]
         start = self.position(addresses)
         self.pointers += [(k, x) for k, x in enumerate(targets, start) if x is not None]
@@ -115,7 +119,11 @@ class MemoryBlock:
 
 
 def compile_law(config: ControllerConfig, model: Model) -> CompiledStep:
-    """Return the compiled step of a new controller, or raise `CtcError` if C cannot have it."""
+    """
+    Return the compiled step of a new controller.
+
+    `CtcError` is raised if the law cannot be exported.
+    """
     controller = Controller(config.changed({'compiled': True}), model)
     step = controller.compiled_step()
     if step is None:
@@ -131,10 +139,11 @@ def gains_are_separable(step: CompiledStep, config: ControllerConfig, model: Mod
     """Return whether `apply_gains` equals the construction with other gains."""
     joints = np.arange(1.0, model.n + 1.0)
     gains = {name: k * joints for k, name in enumerate(_GAINS, 3)}
-    other, now = Controller(config.changed(gains), model), load(step.code.arguments[0].law)
-    law = now.with_gains(other.settings.kp, other.settings.kv, gains['ka'])
+    expected = Controller(config.changed(gains), model)
+    present = load(step.code.arguments[0].law)
+    law = present.with_gains(expected.settings.kp, expected.settings.kv, gains['ka'])
     return all(packed(a).tobytes() == packed(b).tobytes() for a, b in (
-        (law, other.law), (law.reconfigured(now.initial()), other.memories.law)))
+        (law, expected.law), (law.reconfigured(present.initial()), expected.memories.law)))
 
 
 def check_package(name: str) -> None:
@@ -149,7 +158,11 @@ def check_package(name: str) -> None:
 
 
 def c_string(text: str) -> str:
-    """Return a literal of C and C++ for text in UTF-8; two question marks are no trigraph."""
+    """
+    Return a literal of C and C++ for text in UTF-8.
+
+    Two question marks are escaped, since they may begin a trigraph.
+    """
     content = text.encode('utf-8', 'surrogatepass').decode('latin-1')
     return '"' + re.sub(r'[^ -~]|["\\?]', lambda x: f'\\{ord(x[0]):03o}', content) + '"'
 
@@ -157,7 +170,7 @@ def c_string(text: str) -> str:
 def export(config: ControllerConfig, model: Model, out: Path, processor: str = 'host',
            package: str = '', overwrite: bool = False) -> int:
     """
-    Write the library of one robot; return the size of its code.
+    Write the library of one robot, and return the size of its code.
 
     Parameters
     ----------
@@ -223,7 +236,7 @@ def _listed(items: Iterable[object]) -> str:
 
 
 def _settings(config: ControllerConfig, settings: ControlSettings) -> dict[str, object]:
-    """Return the values of the templates that configuration and limits give."""
+    """Return values of the templates from configuration and limits."""
     bounds = [config.parameters()[name].bounds for name in _GAINS]
     return {
         'LAW': config.law, 'JOINTS': len(config.joint_names),
@@ -242,7 +255,7 @@ def _settings(config: ControllerConfig, settings: ControlSettings) -> dict[str, 
 
 
 def _memory(step: CompiledStep, gains: Code) -> dict[str, object]:
-    """Return the values of the templates that describe the memory of step and `apply_gains`."""
+    """Return values of the templates for the memory of the functions."""
     block, (records, points) = MemoryBlock(), step.code.arguments
     memories, settings = records.memories, records.settings
     values: dict[str, object] = {

@@ -108,9 +108,10 @@ def run_export(options: argparse.Namespace) -> int:
 def replay_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc replay`."""
     add_bag(parser)
-    add_number(parser, '--rate', 'Factor on the speed of the recording', 1.0, 'float', minimum=LEAST)
-    add_number(parser, '--delay', 'Time to wait for subscribers before the first message', 1.0, 'float', unit='s',
-               minimum=0.0)
+    add_number(parser, '--rate', 'Factor on the speed of the recording', 1.0, 'float',
+               minimum=LEAST)
+    add_number(parser, '--delay', 'Time to wait for subscribers before the first message', 1.0,
+               'float', unit='s', minimum=0.0)
 
 
 def run_replay(options: argparse.Namespace) -> int:
@@ -123,7 +124,8 @@ def run_replay(options: argparse.Namespace) -> int:
 def repair_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc repair`."""
     parser.add_argument('bag', type=Path, metavar='BAG',
-                        help='Directory of a bag, or one of its files, which is then repaired alone.')
+                        help='Directory of a bag, or one of its files, which is then repaired '
+                             'alone.')
 
 
 def run_repair(options: argparse.Namespace) -> int:

@@ -134,11 +134,11 @@ COMMANDS = {
         'robots', 'Print all parameters of all nodes as a Markdown table.', ''),
     'excite': Command(
         'identification', 'Generate a motion that excites the friction of every joint.',
-        'Every joint moves slowly to and fro at a few random poses, where it also creeps. Then all '
-        'joints follow random multisines. The motion keeps the limits of the description. The '
-        'command writes the waypoints motion.yaml, and run.yaml, a parameter file with this motion '
-        'and law compensation. If the description has collision shapes, the links keep a distance '
-        'from each other. Obstacles around the robot are not considered.')}
+        'Every joint moves slowly to and fro at a few random poses, where it also creeps. Then '
+        'all joints follow random multisines. The motion keeps the limits of the description. The '
+        'command writes the waypoints motion.yaml, and run.yaml, a parameter file with this '
+        'motion and law compensation. If the description has collision shapes, the links keep a '
+        'distance from each other. Obstacles around the robot are not considered.')}
 
 
 def make_parser(used: Collection[str] = COMMANDS.keys()) -> argparse.ArgumentParser:

@@ -101,7 +101,8 @@ def run_reproduce(options: argparse.Namespace) -> int:
 def compile_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc compile`."""
     add_run_options(parser)
-    parser.add_argument('--all', action='store_true', help='Compile every law and every switching.')
+    parser.add_argument('--all', action='store_true', help='Compile every law and every '
+                                                           'switching.')
 
 
 def run_compile(options: argparse.Namespace) -> int:

@@ -60,9 +60,10 @@ from ctc_chattering.output_files import check_folder
 import numpy as np
 
 #: Parameters of the motion that are options.
-_MOTION_OPTIONS = {name: dataclasses.replace(spec, default=None) if name in ('center', 'friction') else spec
-          for name, spec in ExcitationConfig.parameters().items()
-          if name not in ('joint_names', 'start')}
+_MOTION_OPTIONS = {
+    name: dataclasses.replace(spec, default=None) if name in ('center', 'friction') else spec
+    for name, spec in ExcitationConfig.parameters().items()
+    if name not in ('joint_names', 'start')}
 
 
 def excite_options(parser: argparse.ArgumentParser) -> None:
@@ -133,8 +134,8 @@ def _say(text: str) -> None:
 def identify_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc identify`."""
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG',
-                        help='Bag of the robot, or a table of comma-separated values with the columns '
-                             't, q_JOINT ..., tau_JOINT ....')
+                        help='Bag of the robot, or a table of comma-separated values with the '
+                             'columns t, q_JOINT ..., tau_JOINT ....')
     parser.add_argument('--urdf', metavar='FILE',
                         help='URDF of the robot, as a path or package://NAME/PATH. Default: the '
                              "bag's description.")
@@ -144,11 +145,12 @@ def identify_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--joints', type=words, default=(), metavar='A,B,C',
                         help="Joints in the order of the commands. Default: the bag's joints.")
     add_declared(parser, dataclasses.replace(
-        GRAVITY, default=None, description="Acceleration of gravity. Default: the bag's value, or 9.81"))
+        GRAVITY, default=None,
+        description="Acceleration of gravity. Default: the bag's value, or 9.81"))
     parser.add_argument('--effort', choices=(MOTOR, LINK, CURRENT),
-                        help='Meaning of the recorded effort: torque of the motor, torque of the link '
-                             '(sensor behind the gear), or current of the motor. It is needed if '
-                             'no commands were recorded.')
+                        help='Meaning of the recorded effort: torque of the motor, torque of the '
+                             'link (sensor behind the gear), or current of the motor. It is '
+                             'needed if no commands were recorded.')
     add_declared(parser, TORQUE_CONSTANT)
     parser.add_argument('--states', default='joint_states', metavar='TOPIC',
                         help='Topic of the joint states. Default: joint_states.')
@@ -158,10 +160,10 @@ def identify_options(parser: argparse.ArgumentParser) -> None:
     add_declared(parser, TORQUE_RATE)
     add_declared(parser, UNCERTAINTY)
     parser.add_argument('--payload', action='append', type=payload, metavar='KG@LINK', default=[],
-                        help='Known payload at the origin of a link, for example 1.3@tool0. Without a '
-                             'link it is at the tip. Repeat the option for each bag in turn, with '
-                             '0 for no payload. A run with and a run without payload separate '
-                             'torque constants from masses. [kg]')
+                        help='Known payload at the origin of a link, for example 1.3@tool0. '
+                             'Without a link it is at the tip. Repeat the option for each bag in '
+                             'turn, with 0 for no payload. A run with and a run without payload '
+                             'separate torque constants from masses. [kg]')
     add_number(parser, '--trials', 'Number of simulated robots for trial runs of the gains. They '
                'are drawn within the intervals. 0 for no trial runs. Default: 24, or 8 without '
                'numba', minimum=0)

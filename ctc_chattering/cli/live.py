@@ -42,8 +42,8 @@ def live_options(parser: argparse.ArgumentParser) -> None:
     add_overwrite(parser)
     add_own(parser)
     parser.add_argument('--host', default='127.0.0.1', metavar='H',
-                        help='Address to listen on. Default: 127.0.0.1, which other machines cannot '
-                             'reach.')
+                        help='Address to listen on. Default: 127.0.0.1, which other machines '
+                             'cannot reach.')
     add_number(parser, '--port', 'Port of the page. Default: the first free port from 8080 on',
                minimum=0, maximum=65535)
     parser.add_argument('--open', action=argparse.BooleanOptionalAction, default=None,

@@ -16,8 +16,8 @@
 Executables of the nodes, which `bringup` also starts.
 
 Signal handlers are set before anything else is imported. Importing ROS takes a good part of a
-second, and SIGINT would cause a traceback meanwhile. The interpreter is not finalized, because this
-takes as long.
+second, and SIGINT would cause a traceback meanwhile. The interpreter is not finalized, because
+this takes as long.
 """
 
 from __future__ import annotations

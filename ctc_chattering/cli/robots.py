@@ -71,8 +71,8 @@ def new_robot_options(parser: argparse.ArgumentParser) -> None:
     add_urdf_options(parser, required=True,
                      default='the longest chain without its end effector')
     parser.add_argument('--tip', default='', metavar='LINK',
-                        help='Last link of the arm. The joints are those between the root and this '
-                             'link.')
+                        help='Last link of the arm. The joints are those between the root and '
+                             'this link.')
     add_declared(parser, _CENTER)
     for spec in (ROTOR, TORQUE_RATE, RESONANCE, PAYLOAD):
         add_declared(parser, spec)
@@ -174,8 +174,8 @@ def _mimicked(leaders: Mapping[str, Sequence[str]]) -> Iterator[str]:
 def _unexpanded(macros: Sequence[str]) -> Iterator[str]:
     """Yield a line about macros that xacro has left in a URDF, if there are any."""
     if macros:
-        yield (f'ignored: {", ".join(macros)}; xacro did not know these macros, so their links and '
-               'joints are missing')
+        yield (f'ignored: {", ".join(macros)}; xacro did not know these macros, so their links '
+               'and joints are missing')
 
 
 def check_model_options(parser: argparse.ArgumentParser) -> None:
@@ -244,11 +244,11 @@ def export_c_options(parser: argparse.ArgumentParser) -> None:
     add_loop_options(parser)
     add_overrides(parser, 'switching')
     parser.add_argument('--processor', default='host', metavar='CPU',
-                        help='Processor as llc -mcpu names it, for example x86-64-v3. Default: the '
-                             'processor of this computer.')
+                        help='Processor as llc -mcpu names it, for example x86-64-v3. Default: '
+                             'the processor of this computer.')
     parser.add_argument('--ros2-control', default='', metavar='NAME',
-                        help='Name of an ament_cmake package with a ros2_control controller, to be '
-                             'written around the library.')
+                        help='Name of an ament_cmake package with a ros2_control controller, to '
+                             'be written around the library.')
     parser.add_argument('--out', type=Path, metavar='DIR', required=True, help='Output directory.')
     add_overwrite(parser, 'the output of an earlier run of this command')
 

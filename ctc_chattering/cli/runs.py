@@ -51,7 +51,8 @@ def compare_options(parser: argparse.ArgumentParser) -> None:
     from ctc_chattering.runs.conditions import ALL, CONDITIONS, SEED
     from ctc_chattering.runs.recommended import FILE, GAINS
     parser.add_argument('files', nargs='+', metavar='F',
-                        help='Parameter file, or the name of one in the package, for example panda.')
+                        help='Parameter file, or the name of one in the package, for example '
+                             'panda.')
     parser.add_argument('--condition', action='append', default=[], metavar='X',
                         help='Condition of drives, sensors and model to use instead of the '
                              "parameter file's. Repeat the option for several conditions. "
@@ -95,15 +96,15 @@ def run_compare(options: argparse.Namespace) -> int:
 def map_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc map`."""
     parser.add_argument('spec', metavar='SPEC.yaml',
-                        help='Specification of the runs (docs/maps.md), or the name of a map in the '
-                             'package.')
+                        help='Specification of the runs (docs/maps.md), or the name of a map in '
+                             'the package.')
     where = parser.add_mutually_exclusive_group()
     add_jobs(where)
     where.add_argument('--scheduler', metavar='ADDRESS',
                        help='Address of a running dask cluster, tcp://host:port.')
     parser.add_argument('--explain', type=int, metavar='N',
-                        help='Write the parameter file of run N instead of computing the map. Column '
-                             'run of map.parquet has the numbers.')
+                        help='Write the parameter file of run N instead of computing the map. '
+                             'Column run of map.parquet has the numbers.')
     add_output(parser, 'map')
 
 

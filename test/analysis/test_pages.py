@@ -163,7 +163,8 @@ def test_notes_are_on_the_page(tmp_path: Path) -> None:
         Result('lossy', [(0.0, config)], lossy), result_of('chattering', 0.3, 'short')])
     notes = '\n'.join(page.texts['p'])
     for note in ('weak: chattering (implicit): joint2: the chattering term is at its bound in ',
-                 'ka is too small', 'lossy: chattering (implicit): 100 of 6001 samples are missing',
+                 'ka is too small',
+                 'lossy: chattering (implicit): 100 of 6001 samples are missing',
                  'short: chattering: metrics are computed from 0.15 s to 0.3 s, the second half'):
         assert note in notes
     assert any('bag one; kp 100, kv 50, ka 8, ' in text for text in page.texts['small'])

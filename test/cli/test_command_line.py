@@ -236,7 +236,8 @@ def parsers() -> Iterator[tuple[str, ArgumentParser]]:
         yield name, node_parser(name)
 
 
-@pytest.mark.parametrize(('name', 'parser'), [*parsers()], ids=lambda x: x if isinstance(x, str) else '')
+@pytest.mark.parametrize(('name', 'parser'), [*parsers()],
+                         ids=lambda x: x if isinstance(x, str) else '')
 def test_help_consists_of_sentences(name: str, parser: ArgumentParser) -> None:
     """Check the first sentence against its declaration, and the ends of all texts."""
     description = str(parser.description)

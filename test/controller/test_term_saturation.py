@@ -71,8 +71,8 @@ def test_a_running_controller_looks_at_the_last_thousand_samples() -> None:
 
     assert reported() == []
     assert reported(*([10.0] * 5 + [0.0]) * 17) == [(
-        1, 'joint1: the chattering term is at its bound in 83 % of the samples, for 5 samples at a '
-        'time: noise, lag or delay is too large')]
+        1, 'joint1: the chattering term is at its bound in 83 % of the samples, for 5 samples '
+        'at a time: noise, lag or delay is too large')]
     assert reported(*[0.0] * 1000) == reported(*[10.0] * 50) == []
     text = reported(*[10.0] * 50)[0][1]
     assert 'in 10 % of the samples, for 100 samples at a time: ka is too small' in text

@@ -33,7 +33,8 @@ SHAPES = 'values are finite and have their shapes'
 SYMMETRIC, DEFINITE = 'M is symmetric', 'M is positive definite (condition number)'
 SKEW, LAGRANGE = '½ dM/dt - C is skew-symmetric', 'C dq agrees with the derivatives of M'
 GRADIENT = 'G is the gradient of the potential'
-EVALUATE, INVERSE = 'evaluate agrees with M, C and G', 'inverse_dynamics agrees with M a + C dq + G'
+EVALUATE = 'evaluate agrees with M, C and G'
+INVERSE = 'inverse_dynamics agrees with M a + C dq + G'
 FORWARD = 'forward dynamics inverts inverse dynamics'
 
 

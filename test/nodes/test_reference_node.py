@@ -74,7 +74,7 @@ def test_waypoints_of_a_clock_that_is_behind_move_nothing() -> None:
         assert report.refused(TOPIC) == {'waypoints': 1}
         report = reports.next('reference')
         assert report.level == WARN
-        assert 'the motion continues, because joint_trajectory was refused: all waypoints are ' in (
+        assert 'motion continues, because joint_trajectory was refused: all waypoints are ' in (
             report.message)
         it.until_said(
             f'all waypoints are past: the last one was due at {(begin + 10 * S) / S:.3f} s, now')

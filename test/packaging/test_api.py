@@ -117,9 +117,9 @@ def test_type_checkers_see_the_public_names() -> None:
     imports = [node for node in ast.parse((ROOT / '__init__.pyi').read_text(encoding='utf-8')).body
                if isinstance(node, ast.ImportFrom)]
     assert all(alias.name == alias.asname for node in imports for alias in node.names)
-    assert ctc_chattering._MODULES == {
-        alias.name: str(node.module).removeprefix('ctc_chattering.')
-        for node in imports for alias in node.names}
+    stub = {alias.name: str(node.module).removeprefix('ctc_chattering.')
+            for node in imports for alias in node.names}
+    assert stub == ctc_chattering._MODULES
 
 
 def test_the_examples_in_docstrings_are_right(
