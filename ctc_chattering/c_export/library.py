@@ -277,9 +277,9 @@ def _memory(step: CompiledStep, gains: Code) -> dict[str, object]:
         block.calls.append((block.position(record, 'function'), _FUNCTIONS[code.function]))
     for position, _ in (*block.pointers, *block.calls):
         block.words[position] = 0
-    pairs = {'POINTERS': block.pointers, 'CALLS': block.calls}
-    values |= {name: textwrap.fill(_listed(f'{{{a}, {b}}}' for a, b in rows), 99)
-               for name, rows in pairs.items()}
+    pointers = _listed(f'{{{a}, {b}}}' for a, b in block.pointers)
+    values['POINTERS'] = textwrap.fill(pointers, 99)
+    values['CALLS'] = _listed(f'{{{position}, {name}}}' for position, name in block.calls)
     values['WORDS'] = len(block.words)
     values['CONTENT'] = textwrap.fill(_listed(map(hex, block.words)), 99)
     return values

@@ -209,7 +209,7 @@ def run_stability(options: argparse.Namespace) -> int:
           f'{1e3 * config.control_period:g} ms')
     lag = config.assumed_lag if config.takes('actuator_lag') else (0.0,)
     for owner, lags, delay in (('law', lag, config.input_delay),
-                             ('robot', plant.actuator_lag, plant.input_delay)):
+                               ('robot', plant.actuator_lag, plant.input_delay)):
         milliseconds = number_text(tuple(1e3 * x for x in lags))
         print(f'{owner}: lag {milliseconds} ms, delay {delay} samples')
     margins = arm_margins(setup)

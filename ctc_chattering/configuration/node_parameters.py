@@ -78,8 +78,8 @@ class ControllerNodeConfig(NodeConfig, ControllerConfig):
     restart_duration: float = parameter(
         2.0, "Time over which the desired motion returns from the robot's position to the "
         'reference after 0.1 s without a torque; 0 for no return motion.', 's')
-    enabled: bool = parameter(True, 'Send torques from the start. The service ~/enable changes '
-        'it.', read_only=True)
+    enabled: bool = parameter(
+        True, 'Send torques from the start. The service ~/enable changes it.', read_only=True)
     state_decimation: int = parameter(
         10, 'Decimation of the topics under ~/, which carry every Nth sample. Plots of a bag '
         'recompute all samples.', minimum=1)

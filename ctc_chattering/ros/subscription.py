@@ -305,6 +305,6 @@ class ValidatedSubscription(Generic[T]):
                 self._node.get_logger().error(message)
             else:
                 self._node.get_logger().info(
-                    f'{self.topic} has one publisher again; its messages are used: '
-                f'{", ".join(names) or "none"}')
+                    f'{self.topic}: messages are used again, from '
+                    f'{", ".join(names) or "the next publisher"}')
         return message

@@ -317,7 +317,7 @@ def test_a_bag_that_lacks_its_metadata_only_gets_them(
     bag = original.bag(tmp_path / 'bag', original.data)
     file = contents(bag)['bag_0.mcap']
     assert main(['repair', str(bag)]) == 0
-    assert capsys.readouterr().out == f'{bag}: no file is damaged; metadata.yaml is written\n'
+    assert capsys.readouterr().out == f'{bag}: no file is damaged; metadata.yaml was written\n'
     assert contents(bag)['bag_0.mcap'] == file
     assert metadata(bag)['message_count'] == len(original.rows)
     assert metadata(bag)['custom_data'] is None

@@ -257,7 +257,7 @@ def test_with_two_sources_of_states_none_is_answered_until_one_has_left(robot: R
     assert refused['second_publisher'] > report.refused('joint_states').get('second_publisher', 0)
     robot.probe.node.destroy_publisher(other)
     robot.until_well()
-    robot.probe.until_said('joint_states has one publisher again; its messages are used: /probe')
+    robot.probe.until_said('joint_states: messages are used again, from /probe')
 
 
 class Commander:
