@@ -71,10 +71,10 @@ from typing import Any
 __version__ = '1.0.0'
 #: Modules that define the public names. `__init__.pyi` has the same table for type checkers.
 _MODULES = {
-    'save_figures': 'analysis.figures',
-    'export': 'analysis.result',
+    'export': 'analysis.export',
     'Result': 'analysis.result',
     'simulate': 'analysis.result',
+    'save_figures': 'analysis.run_figures',
     'write_runs': 'analysis.run_page',
     'read_bag': 'bags.reader',
     'repair': 'bags.repair',

@@ -25,12 +25,12 @@ import dataclasses
 from math import inf
 from pathlib import Path
 
-from ctc_chattering.analysis.tables import counted
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_bag, add_number, add_output, add_own, own
 from ctc_chattering.errors import as_ctc_error, CtcError, ParameterError, UsageError
 from ctc_chattering.input_files import check_regular
-from ctc_chattering.output_files import check_folder, new_folder
+from ctc_chattering.number_format import format_count
+from ctc_chattering.output_folder import check_folder, new_folder
 from ctc_chattering.parameters import LEAST
 
 
@@ -71,7 +71,7 @@ def run_plot(options: argparse.Namespace) -> int:
     if not results:
         folders = ', '.join(map(str, options.bags))
         raise CtcError(f'{folders}: there is no bag recorded by this package; name other bags')
-    print(f'The figures of {counted(len(results), "run")} are being drawn ...', flush=True)
+    print(f'The figures of {format_count(len(results), "run")} are being drawn ...', flush=True)
     write_runs(results, options.out, bags, options.format, options.said, options.overwrite)
     print_results(results)
     print_page(options.out / PAGE)
@@ -89,7 +89,7 @@ def export_options(parser: argparse.ArgumentParser) -> None:
 
 def run_export(options: argparse.Namespace) -> int:
     """Run `ctc export`."""
-    from ctc_chattering.analysis.result import commands_path, export
+    from ctc_chattering.analysis.export import commands_path, export
     from ctc_chattering.bags.reader import read_bag
 
     with new_folder(options.out, 'ctc export', options.overwrite) as folder:

@@ -23,11 +23,11 @@ from __future__ import annotations
 import argparse
 import time
 
-from ctc_chattering.analysis.tables import counted
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_output, add_run_options, load_setup
 from ctc_chattering.cli.presentation import print_page, print_results, progress
-from ctc_chattering.output_files import check_folder, new_folder
+from ctc_chattering.number_format import format_count
+from ctc_chattering.output_folder import check_folder, new_folder
 
 #: Simulated duration of a run without an end.
 _DEFAULT_DURATION_S = 10.0
@@ -48,7 +48,8 @@ def simulate_options(parser: argparse.ArgumentParser) -> None:
 
 def run_simulate(options: argparse.Namespace) -> int:
     """Run `ctc simulate`."""
-    from ctc_chattering.analysis.result import export, METRICS, simulate, write_metrics
+    from ctc_chattering.analysis.export import export
+    from ctc_chattering.analysis.result import METRICS, simulate, write_metrics
     from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
     from ctc_chattering.configuration.compilation import compile_setups, uncompiled_codes
 
@@ -112,6 +113,7 @@ def run_compile(options: argparse.Namespace) -> int:
 
     start, setup = time.monotonic(), load_setup(options)
     count = compile_setup(setup, options.all, say)
-    print(f'compiled {counted(count, "function")} in {time.monotonic() - start:.0f} s; all others '
-          f'were compiled before; the machine code is in {cache_directory()}')
+    elapsed = time.monotonic() - start
+    print(f'compiled {format_count(count, "function")} in {elapsed:.0f} s; all others were '
+          f'compiled before; the machine code is in {cache_directory()}')
     return 0

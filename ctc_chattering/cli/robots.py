@@ -26,7 +26,7 @@ from pathlib import Path
 import textwrap
 from typing import TYPE_CHECKING
 
-from ctc_chattering.analysis.tables import counted, fitted, one_line
+from ctc_chattering.analysis.tables import fitted, one_line
 from ctc_chattering.cli.options import (
     add_declared,
     add_loop_options,
@@ -46,7 +46,9 @@ from ctc_chattering.configuration.arm_knowledge import (
 )
 from ctc_chattering.configuration.node_parameters import parameter_table
 from ctc_chattering.errors import as_usage_error, CtcError, UsageError
-from ctc_chattering.output_files import check_file, check_folder, write_text
+from ctc_chattering.number_format import format_count, format_numbers
+from ctc_chattering.output_files import check_file, write_text
+from ctc_chattering.output_folder import check_folder
 from ctc_chattering.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -191,7 +193,7 @@ def check_model_options(parser: argparse.ArgumentParser) -> None:
 
 def run_check_model(options: argparse.Namespace) -> int:
     """Run `ctc check-model`."""
-    from ctc_chattering.analysis.tables import measured, print_columns
+    from ctc_chattering.analysis.tables import print_columns
     from ctc_chattering.configuration.package_share import read_description
     from ctc_chattering.dynamics.model_check import check_dynamics, inertia_faults
     from ctc_chattering.dynamics.registry import make_model
@@ -210,7 +212,7 @@ def run_check_model(options: argparse.Namespace) -> int:
     with as_usage_error(('joint_names', 'model')):
         check_joint_names(joints)
         model = make_model(name, options.gravity, joints, urdf)
-    print(f'model {name} with {counted(model.n, "joint")}: {", ".join(joints)}')
+    print(f'model {name} with {format_count(model.n, "joint")}: {", ".join(joints)}')
     for line in _mimicked(tree.leaders) if tree and not options.joints else ():
         print(line)
     findings = check_dynamics(model, options.seed, options.samples)
@@ -220,8 +222,8 @@ def run_check_model(options: argparse.Namespace) -> int:
     failed = [x for x in findings if not x.passed]
     for x in failed:
         error = f': {x.error}' if x.error else ''
-        print(f'{x.name}: the worst state is q = {measured(list(x.q))}, '
-              f'dq = {measured(list(x.dq))}{error}')
+        print(f'{x.name}: the worst state is q = {format_numbers(x.q)}, '
+              f'dq = {format_numbers(x.dq)}{error}')
     for fault in inertia_faults(urdf, joints) if urdf else ():
         print(f'warning: {fault}')
     for line in _unexpanded(tree.unexpanded if tree else ()):
@@ -263,8 +265,9 @@ def run_export_c(options: argparse.Namespace) -> int:
     check_folder(out, EXPORT, options.overwrite)
     size = export(config, model_of(config, setup.descriptions.get('controller', '')), out,
                   options.processor, options.ros2_control, options.overwrite)
-    print(f'wrote {out}: law {config.law} for {counted(len(config.joint_names), "joint")}, {size} '
-          'bytes of code; next: see docs/ros2_control.md')
+    joints = format_count(len(config.joint_names), 'joint')
+    print(f'wrote {out}: law {config.law} for {joints}, {size} bytes of code; '
+          'next: see docs/ros2_control.md')
     return 0
 
 
