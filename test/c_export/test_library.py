@@ -30,7 +30,7 @@ from ctc_chattering.control.laws.registry import SWITCHINGS
 from ctc_chattering.controller.trips import TRIP_DELAY_S, TRIP_LIMITS, TripMonitor
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_commands import ctc, refused
+from ctc_commands import ctc, ctc_process, refused
 from exported_laws import compiled_by_cc, controller_of, Robot, robot_of, watched
 from machine_code import compile_step
 from made_once import made_once
@@ -137,7 +137,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 @pytest.mark.parametrize('where', range(5))
 @pytest.mark.parametrize('bad', [nan, inf, -inf])
-def test_what_is_not_finite_is_no_torque_until_a_reset(
+def test_a_state_that_is_not_finite_ends_the_torques_until_a_reset(
         library: Path, where: int, bad: float) -> None:
     law = Law(watched(), library)
     assert law.step(*REST) == (NOT_INITIALIZED, [0.0, 0.0])
@@ -184,7 +184,7 @@ def test_a_position_that_jumps_ends_the_torques_until_a_reset(library: Path) -> 
         assert law.step(*REST) == first
 
 
-def test_the_time_that_has_elapsed_says_how_far_a_joint_can_have_moved(library: Path) -> None:
+def test_the_elapsed_time_bounds_the_travel_of_a_joint(library: Path) -> None:
     """0.3 rad are a jump within a period, and none within 50 ms at 6 rad/s."""
     law = Law(watched(), library)
     for elapsed, error in ((1e-3, JUMP), (0.05, OK), (nan, NOT_FINITE)):
@@ -223,7 +223,7 @@ def test_an_endless_joint_counts_its_turns(tmp_path: Path, delay: int) -> None:
     assert q[0] > 14.0
 
 
-def test_a_joint_that_is_not_endless_is_not_turned(library: Path) -> None:
+def test_positions_of_other_joints_are_not_unwrapped(library: Path) -> None:
     """Nor is a start: that of an endless joint is the one nearest to the reference."""
     law = Law(watched(), library)
     law.call('init')
@@ -319,7 +319,7 @@ def test_a_limit_cycle_trips_where_the_node_does(tmp_path: Path) -> None:
 @pytest.mark.parametrize('law', ['implicit_observer', *(
     pytest.param(x, marks=pytest.mark.slow)
     for x in (*LAWS, 'extended_state_observer') if x != 'implicit_observer')])
-def test_other_gains_go_on_as_under_configure(tmp_path: Path, law: str) -> None:
+def test_other_gains_take_effect_as_by_configure(tmp_path: Path, law: str) -> None:
     """Before the first step, in motion, with drives of a limited rate, and after a reset."""
     robot = robot_of('friction', law, torque_rate_limit=[1e4, 5e3], actuator_lag=[2e-3, 0.0],
                      kp=[150.0, 100.0])
@@ -352,7 +352,7 @@ def test_wrong_gains_change_nothing(library: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize('law', ['integral', 'slotine_li', 'pid_kalman'])
-def test_a_law_of_which_other_numbers_depend_on_gains_has_fixed_ones(
+def test_gains_are_fixed_where_other_numbers_depend_on_them(
         tmp_path: Path, law: str) -> None:
     fixed = Law(robot_of('friction', law), tmp_path)
     fixed.call('init')
@@ -389,7 +389,7 @@ def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
     first, again = tmp_path / 'first', tmp_path / 'again'
     export(*robot_of('friction', 'compensation'), first)
     done = ctc('export-c', 'friction', '--law', 'compensation', '--out', str(again))
-    assert done.stdout.startswith(f'wrote {again}: compensation, 2 joints, ')
+    assert done.stdout.startswith(f'wrote {again}: law compensation for 2 joints, ')
     for path in again.iterdir():
         assert path.read_bytes() == (first / path.name).read_bytes()
     symbols = subprocess.check_output(['nm', again / 'ctc_law_code.o'], text=True)
@@ -397,7 +397,17 @@ def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
         'fmod', 'memcpy', 'memset', 'sin', 'sincos'}
 
 
-def test_a_name_that_is_none_of_a_package_is_refused(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_export_needs_no_code_compiled_before(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Export from a process of its own, with an empty cache."""
+    monkeypatch.setenv('HOME', str(tmp_path))
+    done = ctc_process('export-c', 'friction', '--law', 'compensation', '--out', tmp_path / 'law',
+                       timeout=300.0)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_wrong_name_of_a_package_is_refused(tmp_path: Path) -> None:
     refused(ctc('export-c', 'friction', '--out', str(tmp_path / 'out'),
                 '--ros2-control', 'My-Arm'), '--ros2-control My-Arm', 'small letters')
     for name in ('my_arm-2', 'my_Arm', 'my arm', 'arm/../..', 'arm.h', '2_arms', 'arm"\n'):
@@ -406,7 +416,7 @@ def test_a_name_that_is_none_of_a_package_is_refused(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_limit_that_would_turn_the_clamp_round_is_not_exported(tmp_path: Path) -> None:
+def test_a_negative_effort_limit_is_not_exported(tmp_path: Path) -> None:
     (tmp_path / 'arm.urdf').write_text(two_links().replace('effort="40"', 'effort="-1"'))
     (tmp_path / 'arm.yaml').write_text(
         '/**: {ros__parameters: {model: urdf, description: arm.urdf, joint_names: [a, b]}}\n'
@@ -431,7 +441,7 @@ def test_names_of_joints_are_literals_of_every_version_of_c(standard: str, tmp_p
     assert printed.decode().split('\0')[:-1] == names
 
 
-def test_a_model_of_ones_own_and_full_matrices_are_refused(tmp_path: Path) -> None:
+def test_an_own_model_and_full_matrices_are_refused(tmp_path: Path) -> None:
     robot = robot_of('friction', 'compensation')
     with pytest.raises(CtcError, match='cannot be exported; allowed: models two_link and urdf'):
         export(robot.config, Broken(('joint1', 'joint2'), 9.81), tmp_path)
