@@ -58,7 +58,7 @@ Item = TypeVar('Item')
 #: Longest message that a page may send [characters].
 _MAX_LENGTH = 10_000
 #: Samples for a page are dropped while more than this waits for it [bytes]. Its lines have gaps.
-_MAX_WAITING_BYTES = 16_000_000
+_MAX_WAITING_BYTES = 4_000_000
 
 
 class PageSocket:
