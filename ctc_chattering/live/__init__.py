@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Page in the browser: the arm and the law of a running graph or of bags.
+Page of a running graph or of bags in the browser.
 
 `ctc live` makes a `Page`, which `GraphPage` or `BagPage` fills. `write_export` writes one of bags.
 """

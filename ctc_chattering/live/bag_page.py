@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Page of one or two recorded runs, and its export as one file.
+Page of recorded runs, and its export as a file.
 
 `ctc live BAG` serves a `BagPage`. The browser gets all samples once and plays them. It sends the
 time that it shows. `ctc live BAG --export` calls `write_export`.
@@ -94,7 +94,7 @@ class RecordedRun:
         self.tracks = by_times(result.signals)
 
     def positions(self, t: float) -> tuple[Array, Array]:
-        """Return q and q_d of the last sample before a time, each of shape (n,)."""
+        """Return q and q_d at a time, each of shape (n,)."""
         run = self.result.run
         samples = int(np.searchsorted(run.t, t + _TIME_TOLERANCE_S, side='right'))
         sample = max(0, samples - 1)
@@ -214,7 +214,7 @@ def _settled(runs: Sequence[RecordedRun]) -> float:
 
 def write_export(runs: Sequence[RecordedRun], path: Path) -> int:
     """
-    Write the page of runs into one file, and return its size [bytes].
+    Write the page into one file, and return its size [bytes].
 
     Parameters
     ----------

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Controls of a running graph: their state for the page, and the requests that users may send.
+State and requests of the controls of a running graph.
 
 web/controls.js draws `Controls.state` and sends the requests. `GraphPage` makes one `Controls`,
 which sets parameters and calls services by `launch.requests`.
@@ -93,7 +93,11 @@ class GainSlider(NamedTuple):
 
 
 def gain_sliders(parameters: Mapping[str, Any], n: int) -> dict[str, GainSlider]:
-    """Return the sliders of the gains that the law takes, without full matrices."""
+    """
+    Return the sliders of the gains that the law takes.
+
+    Gains that are full matrices have none.
+    """
     law = str(parameters.get('law'))
     sliders = {}
     for name in GAINS:
@@ -249,7 +253,7 @@ class Controls:
 
 
 def _why_time_runs_on(pacing: Any) -> str:
-    """Return the reason that simulated time cannot be held, or an empty text."""
+    """Return why simulated time cannot be held, or an empty text."""
     if pacing == 'lockstep':
         return ''
     if pacing is None:

@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-Page of a running graph: plots, arm, light, reports and controls.
+Page of a running graph.
+
+It has plots, arm, light, reports and controls.
 
 `ctc live` without a bag calls `run_graph_page`. `GraphReader` has what the graph publishes, and
 `Page` shows it in browsers.
@@ -163,7 +165,7 @@ class GraphPlots:
         self._next_samples = 0.0
 
     def update(self, now: float) -> None:
-        """Send new samples when it is time, and all samples to new pages."""
+        """Send the samples that are due."""
         source = self._reader.names, self._reader.description, self._note()
         if source != self._source:
             self._source = source
@@ -252,7 +254,7 @@ class GraphArm:
         self._shown = None
 
     def show(self) -> None:
-        """Draw arm and ghost at the last pose, and follow them with the cameras."""
+        """Draw the last pose, and follow it with the cameras."""
         if self._view is None:
             return
         pose = self._reader.pose
@@ -265,7 +267,7 @@ class GraphArm:
             self._look_at(np.concatenate((self._shown, points)), after_move=False)
 
     def fit_view(self, after_move: bool = True) -> None:
-        """Show the arm and its desired motion, as far as it is known."""
+        """Show the arm and its desired motion, where known."""
         positions = [q for q in self._reader.pose[1:] if q is not None]
         if self._view is not None and positions:
             positions += self._reader.desired_positions(24)
@@ -278,7 +280,7 @@ class GraphArm:
 
 
 def _is_outside(points: Array, shown: Array) -> bool:
-    """Return whether points have left the box of other ones by 5 % of its size."""
+    """Return whether points have left the shown box by 5 %."""
     low = shown.min(axis=0)
     high = shown.max(axis=0)
     distance = np.maximum(points - high, low - points).max()

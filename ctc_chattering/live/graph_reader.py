@@ -281,7 +281,7 @@ class GraphReader(BaseNode):
         return max(self.clock, self._state.t, self._tracked.t)
 
     def desired_positions(self, count: int) -> list[Array]:
-        """Return up to `count` desired positions of the last seconds, each of shape (n,)."""
+        """Return up to `count` recent desired positions, each of shape (n,)."""
         rows = self.tracks[topics.TRACKING].rows
         step = len(rows) // count + 1
         return [row[:len(self.names)] for _, row in islice(rows, 0, None, step)]

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Page of `ctc live`: our HTML, the scene with the arms, and the browsers' cameras.
+HTML page, scene and cameras of `ctc live`.
 
 `GraphPage` and `BagPage` fill it. `server.serve` decides who may open it.
 
@@ -106,7 +106,7 @@ class Page:
         self.socket.on('magnify', Magnification, partial(setattr, self, 'magnification'))
 
     def show_arms(self, skeletons: Sequence[Skeleton | None]) -> list[ArmView | None]:
-        """Put arms side by side into the scene, in place of those there."""
+        """Replace the arms in the scene by others, side by side."""
         scene = self.server.viser.scene
         scene.reset()
         reach, floor = stage(skeletons)
@@ -114,7 +114,7 @@ class Page:
                        section_size=reach, position=(0.0, 0.0, floor))
         # Pages answer a new text with the shape of their view.
         self.socket.send(scene=' '.join(
-            f'{len(x.bodies)}:{x.n}:{x.reach:.3f}' for x in skeletons if x is not None))
+            f'{len(x.bodies)}:{x.kinematics.n}:{x.reach:.3f}' for x in skeletons if x is not None))
         roots = root_positions(len(skeletons), reach)
         return [None if skeleton is None else ArmView(scene, skeleton, f'/arm{i}', root)
                 for i, (skeleton, root) in enumerate(zip(skeletons, roots))]
@@ -138,7 +138,9 @@ def scripts(*names: str) -> Markup:
 
 class ArmView:
     """
-    Arm and ghost in the scene, each hidden until its position is known.
+    Arm and ghost in the scene.
+
+    Each is hidden until its position is known.
 
     Parameters
     ----------
@@ -167,7 +169,20 @@ class ArmView:
             color=_GHOST_COLOUR, opacity=0.6, side='back')
 
     def points(self, positions: Iterable[Array]) -> Array:
-        """Return corners around the arm at `positions`, each of shape (n,), shape (N, 3) [m]."""
+        """
+        Return corners of boxes around the bodies at some positions.
+
+        Parameters
+        ----------
+        positions : iterable of ndarray, shape (n,)
+            Joint positions [rad or m].
+
+        Returns
+        -------
+        ndarray, shape (N, 3)
+            Corners [m].
+
+        """
         points = [
             corners @ pose[:3, :3].T + pose[:3, 3] + self._root
             for q in positions
@@ -237,7 +252,7 @@ def _enlarged(mesh: Any, scale: float) -> Any:
 
 
 class CameraPose(NamedTuple):
-    """Position of a camera, and the point that it looks at, each of shape (3,) [m]."""
+    """Position and target of a camera, each of shape (3,) [m]."""
 
     position: tuple[float, ...]
     look_at: tuple[float, ...]
@@ -245,7 +260,7 @@ class CameraPose(NamedTuple):
 
 def fit_camera(points: Array, aspect: float = _USUAL_ASPECT) -> CameraPose:
     """
-    Return the camera that shows points as large as the view allows, by (CM1).
+    Return the camera that shows points by (CM1).
 
     Parameters
     ----------

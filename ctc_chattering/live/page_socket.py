@@ -132,7 +132,7 @@ class PageSocket:
                 receive(value)
 
     def send(self, **values: Any) -> None:
-        """Send values by subject to all pages and to those that join later."""
+        """Send values by subject to all pages, also to later ones."""
         for subject, value in values.items():
             message = encode_message(**{subject: value})
             if self._last_sent.get(subject) != message:
@@ -140,7 +140,11 @@ class PageSocket:
                 self.broadcast(message)
 
     def broadcast(self, message: Message) -> None:
-        """Send a message to the open pages. Slow ones do not get samples."""
+        """
+        Send a message to the open pages.
+
+        Slow ones do not get samples.
+        """
         self._transmit(tuple(self._connections), message, skip_slow=isinstance(message, bytes))
 
     def _transmit(

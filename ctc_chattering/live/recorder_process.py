@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Recorder that the page starts and stops, as a process of its own.
+Recorder in a process that the page starts and stops.
 
 `Controls` starts and stops it, `GraphPage` polls it.
 """

@@ -166,7 +166,7 @@ class Access:
 
 
 def limit_rate(receive: Callable[[], Awaitable[Any]]) -> Callable[[], Awaitable[Any]]:
-    """Return a receiver of messages that takes no more than a page sends."""
+    """Return a receiver that takes no more than a page sends."""
     bucket = LeakyBucket(MESSAGE_RATE_HZ, MESSAGE_BURST)
 
     async def receive_in_time() -> Any:
@@ -393,7 +393,7 @@ def _bracketed(host: str) -> str:
 
 
 def exposure_warning(host: str) -> str:
-    """Return a warning about an address that other machines reach, or an empty text."""
+    """Return a warning if other machines reach an address."""
     if is_local(host):
         return ''
     return (f'the page listens on {host}. The network carries its address with the token without '
@@ -404,7 +404,9 @@ def exposure_warning(host: str) -> str:
 @contextmanager
 def open_browser(url: str) -> Iterator[bool]:
     """
-    Open an address in a browser, and yield whether one has a window.
+    Open an address in a browser that has a window.
+
+    Yields whether there is one.
 
     The browser is given a file that leads to the address. Other users of this machine can read
     the arguments of its process, but not the file, which is removed at the end.

@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-Shapes of an arm to draw, fixed to the links whose poses `ForwardKinematics` has.
+Shapes of an arm to draw, fixed to its links.
+
+`ForwardKinematics` has the poses of the links.
 
 The live page draws their meshes (`body_meshes`), the exported page their capsules (`as_json`).
 Input is a configuration and the text of a URDF.
@@ -51,7 +53,7 @@ _MAX_TRIANGLES = 200_000
 
 
 class Capsule(NamedTuple):
-    """A line in a body's frame, from its origin to `end` [m], with a radius [m]."""
+    """A line from a body's origin to `end` [m], with a radius [m]."""
 
     end: tuple[float, ...]
     radius: float
@@ -92,8 +94,6 @@ class Skeleton:
     kinematics : ForwardKinematics
         Frames of the bodies.
     bodies : tuple of Body
-    n : int
-        Number of joints of the model.
     reach : float
         Sum of the distances between the joints along the longest chain, and that of the last two
         again [m].
@@ -102,28 +102,23 @@ class Skeleton:
 
     kinematics: ForwardKinematics
     bodies: tuple[Body, ...]
-    n: int
     reach: float
 
     def poses(self, q: Sequence[float] | Array) -> Array:
-        """Return the pose of every body in the frame of the root, shape (bodies, 4, 4)."""
+        """Return the poses of the bodies, shape (bodies, 4, 4)."""
         return self.kinematics.poses(q)
-
-    def tips(self, q: Sequence[float] | Array) -> Array:
-        """Return the origins of the bodies in the frame of the root, shape (bodies, 3) [m]."""
-        return self.poses(q)[:, :3, 3]
 
 
 def skeleton_of(config: RobotConfig, description: str = '') -> Skeleton | None:
     """
-    Return the bodies of the arm that a configuration names; None if its shape is not known.
+    Return the arm of a configuration, or None if its shape is not known.
 
     Parameters
     ----------
     config : RobotConfig
         Model, joints and locked positions.
     description : str
-        Text of the URDF; may be empty for the paper's arm.
+        Text of the URDF. It may be empty for the paper's arm.
 
     """
     if config.model == 'two_link':
@@ -176,7 +171,7 @@ def urdf_skeleton(
         link = tree.links[frame.link]
         capsules = _capsules(link_ends, tree.inertials[frame.link], _RADIUS_RATIO * reach)
         bodies.append(Body(frame, link, capsules))
-    return Skeleton(kinematics, tuple(bodies), len(joint_names), reach)
+    return Skeleton(kinematics, tuple(bodies), reach)
 
 
 def _reach(frames: Sequence[LinkFrame]) -> float:
@@ -193,7 +188,7 @@ def _reach(frames: Sequence[LinkFrame]) -> float:
 def _capsules(
     ends: Sequence[Array], inertial: Inertial | None, radius: float
 ) -> tuple[Capsule, ...]:
-    """Return lines from the origin of a link to the joints on it, or to its end."""
+    """Return lines from a link's origin to its joints or its end."""
     if not ends and inertial is not None:
         ends = [2.0 * np.array(inertial.origin.xyz)]
     return tuple(
@@ -215,7 +210,7 @@ def body_meshes(skeleton: Skeleton) -> list[list[Any]]:
 
 
 def _readable_meshes(body: Body, is_bare: bool) -> list[Any]:
-    """Return the meshes of the first kind of shapes that can be read."""
+    """Return the first meshes that can be read."""
     tags = [tag for tag in ('visual', 'collision') if body.has(tag)]
     for tag in tags:
         meshes = [
@@ -229,7 +224,9 @@ def _readable_meshes(body: Body, is_bare: bool) -> list[Any]:
 
 def read_mesh(shape: ET.Element, element: ET.Element) -> Any:
     """
-    Return the mesh of a shape in its body's frame, or None if it cannot be read.
+    Return the mesh of a shape in its body's frame.
+
+    A shape that cannot be read gives None.
 
     Parameters
     ----------
@@ -278,7 +275,7 @@ def _capsule_mesh(capsule: Capsule) -> Any:
 
 
 def quaternion(matrix: Array) -> Array:
-    """Return the quaternion w, x, y, z of a rotation matrix of shape (3, 3)."""
+    """Return the quaternion w, x, y, z of a rotation matrix."""
     return np.roll(Rotation.from_matrix(matrix).as_quat(), 1)
 
 
@@ -288,11 +285,13 @@ def root_positions(count: int, reach: float) -> list[tuple[float, float, float]]
 
 
 def stage(skeletons: Iterable[Skeleton | None]) -> tuple[float, float]:
-    """Return the reach of the largest arm and the height of the floor: hanging arms need room."""
+    """Return the reach of the largest arm and the floor's height [m]."""
     drawn = [x for x in skeletons if x is not None]
     reach = max((x.reach for x in drawn), default=1.0)
-    lowest = min((x.tips([0.0] * x.n)[:, 2].min() for x in drawn), default=0.0)
-    return reach, -reach if lowest < -0.1 * reach else 0.0
+    heights = [x.poses(np.zeros(x.kinematics.n))[:, 2, 3].min() for x in drawn]
+    # Hanging arms need room.
+    is_hanging = min(heights, default=0.0) < -0.1 * reach
+    return reach, -reach if is_hanging else 0.0
 
 
 def as_json(skeleton: Skeleton) -> list[dict[str, Any]]:

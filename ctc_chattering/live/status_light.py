@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-The light of the page: the state of a graph by its nodes' reports and topics.
+Light of the page: the state of a graph.
+
+It depends on the nodes' reports, and on the silence of their topics.
 
 `GraphPage` shows the `StatusLight` that `assess` returns. `GraphReader` collects the reports on
 /diagnostics and the times since the last messages.
@@ -154,7 +156,11 @@ def _assess_report(node: str, report: NodeReport, now: float) -> tuple[Level, st
 def _describe_ends(
     reports: Mapping[str, NodeReport], silence: Mapping[str, float], now: float
 ) -> tuple[str, ...]:
-    """Return a line for the end of each node, the first end first, or none while one runs."""
+    """
+    Return a line for the end of each node, in their order.
+
+    While a node runs, there are none.
+    """
     bringup = reports.get('bringup')
     told_by_bringup = bringup is not None and bool(bringup.ended)
     ends = []

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where the page listens, and who may open it: with the token, from itself."""
+"""Addresses of the page, and the checks of token, Host, Origin and messages."""
 
 from __future__ import annotations
 

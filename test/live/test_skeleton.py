@@ -50,7 +50,7 @@ def test_two_links_stand_where_their_angles_say() -> None:
     skeleton = shapes.skeleton_of(ControllerConfig())
     assert skeleton is not None
     q1, q2 = 0.7, 0.4
-    elbow = skeleton.tips((q1, q2))[2]
+    elbow = skeleton.poses((q1, q2))[2, :3, 3]
     assert elbow == pytest.approx([LENGTH * np.sin(q1), 0.0, -LENGTH * np.cos(q1)])
     end = skeleton.poses((q1, q2))[2] @ [0.0, 0.0, -LENGTH, 1.0]
     assert end[:3] - elbow == pytest.approx(
