@@ -29,13 +29,13 @@ from math import inf
 import time
 from typing import Annotated, Any, Literal, NamedTuple
 
-from ctc_chattering.analysis.tables import in_field
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.control.laws.registry import LAWS, laws_by_parameter, SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live.graph_reader import GraphReader
 from ctc_chattering.live.page_socket import PageSocket
 from ctc_chattering.live.recorder_process import RecorderProcess
+from ctc_chattering.number_format import format_value
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.parameters import Parameter, unit_text
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -191,7 +191,7 @@ class Controls:
             'answered': self._answer_count,
             'plant': [{'name': name,
                        'title': f'{title} [{unit_text(units[name].unit)}]',
-                       'value': in_field(plant[name])}
+                       'value': format_value(plant[name], 12)}
                       for name, title in PLANT_FIELDS.items() if name in plant],
             'time_runs_on': _why_time_runs_on(plant.get('pacing'))}
 

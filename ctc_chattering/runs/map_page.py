@@ -22,10 +22,11 @@ from typing import Any
 
 from ctc_chattering.analysis.drawing import save
 from ctc_chattering.analysis.page import FigureFile, Folded, Section, write_page
-from ctc_chattering.analysis.tables import counted, Table, two_lines
+from ctc_chattering.analysis.tables import Table, two_lines
+from ctc_chattering.number_format import format_count
 from ctc_chattering.runs.map_data import against, KINDS, MapData, passing, pooled, sobol_table
 from ctc_chattering.runs.map_figures import figures
-from ctc_chattering.runs.spec import MapSpec, rows_of
+from ctc_chattering.runs.spec import MapSpec, spec_rows
 from ctc_chattering.runs.store import FIGURES, JSON, PAGE, TABLE
 import matplotlib
 import numpy as np
@@ -60,7 +61,7 @@ def write_report(spec: MapSpec, table: Any, directory: Path, extra: str = 'svg',
                    spec.repeats.sampling == 'saltelli')
     with matplotlib.rc_context({'svg.hashsalt': 'map'}):  # Equal data give equal files.
         files = save(figures(data), directory / FIGURES, ('svg', extra))
-    write_map_page(data, files, directory / PAGE, dict(rows_of(spec.tree)), command)
+    write_map_page(data, files, directory / PAGE, dict(spec_rows(spec.tree)), command)
     return directory / PAGE
 
 
@@ -111,9 +112,9 @@ def headline(data: MapData) -> str:
 
 def lead(data: MapData) -> str:
     axes = ' × '.join(axis.name for axis in data.axes)
-    return (f'{counted(len(data.variants), "law")}'
-            + (f' over {axes}, {counted(int(np.prod(data.shape)), "point")}' if axes else '')
-            + f': {counted(len(data.rows), "run")}'
+    return (f'{format_count(len(data.variants), "law")}'
+            + (f' over {axes}, {format_count(int(np.prod(data.shape)), "point")}' if axes else '')
+            + f': {format_count(len(data.rows), "run")}'
             + (' near the boundary only: any other point is shown as the nearest one that was '
                'run, and shares are of the runs made.' if data.refined else '.'))
 

@@ -24,13 +24,23 @@ from typing import Any
 from ctc_chattering.analysis import drawing, page
 from ctc_chattering.analysis.drawing import legend_of
 from ctc_chattering.analysis.page import FigureFile
-from ctc_chattering.analysis.tables import columns, number_text, rounded, Table
+from ctc_chattering.analysis.tables import columns, Table
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.output_files import check_format, new_folder, replacing, write_json
-from ctc_chattering.runs.figures import Mark, panels, trade_off
-from ctc_chattering.runs.spec import rows_of
+from ctc_chattering.number_format import format_joint_values, round_number
+from ctc_chattering.output_files import check_format, replacing, write_json
+from ctc_chattering.output_folder import new_folder
+from ctc_chattering.runs.law_figures import draw_panels, draw_trade_off, Mark
+from ctc_chattering.runs.spec import spec_rows
 from ctc_chattering.runs.store import write_table
-from ctc_chattering.runs.tune import Candidate, CONSTRAINTS, OverDraws, RATE, TORQUE, Trial, Tuning
+from ctc_chattering.runs.tune import (
+    Candidate,
+    CONSTRAINTS,
+    GainsScore,
+    RATE,
+    TORQUE,
+    Trial,
+    Tuning,
+)
 from ctc_chattering.runs.tune_spec import SPACE, space, TuneSpec
 from matplotlib.figure import Figure
 
@@ -61,17 +71,17 @@ def facts(tuning: Tuning) -> Iterator[tuple[str, str]]:
     yield 'search', (f'{len(tuning.trials)} trials × {len(tuning.drawn)} draws '
                      f'({spec.repeats.sampling}), seed {tuning.seed}')
     yield 'validation', f'{len(tuning.fresh)} fresh draws, seed {tuning.fresh.spec.repeats.seed}'
-    yield from rows_of({'uncertain': spec.tree['uncertain']})
+    yield from spec_rows({'uncertain': spec.tree['uncertain']})
     for name, most, unit in ((TORQUE, spec.limits.torque, 'N·m'),
                              (RATE, spec.limits.rate, 'N·m/s')):
         yield f'limit of the {name}', 'none' if min(most) == inf else (
-            f'{number_text(most)} {unit}')
+            f'{format_joint_values(most)} {unit}')
     yield 'trials that violate', ', '.join(
         f'{name}: {n}' for name in CONSTRAINTS
         if (n := sum(x.score.excess[name] > 0.0 for x in tuning.trials))) or 'none'
 
 
-def violated(score: OverDraws) -> str:
+def violated(score: GainsScore) -> str:
     """Return by how much, or in which part of the runs, what is violated; empty for nothing."""
     return ', '.join(f'{name} {x:+.1%}' for name, x in score.excess.items() if x > 0.0)
 
@@ -86,11 +96,11 @@ def table_of(tuning: Tuning) -> list[list[str]]:
         values, searched = config.as_mapping(), space(config)
         rows.append([
             f'{x.name} *' if x is tuning.best else x.name,
-            *(number_text(values[name], _MANY) if config.takes(name) and (
+            *(format_joint_values(values[name], _MANY) if config.takes(name) and (
                 name in searched or name not in SPACE) else '' for name in gains),
             f'{x.drawn.error:.3g}', f'{x.fresh.error:.3g}',
             f'{x.drawn.variation:.4g}', f'{x.fresh.variation:.4g}',
-            *(number_text([rounded(y) for y in most], _MANY)
+            *(format_joint_values([round_number(y) for y in most], _MANY)
               for most in (x.fresh.torque, x.fresh.rate)),
             violated(x.fresh)])
     return rows
@@ -120,7 +130,7 @@ def text(tuning: Tuning) -> str:
 
 def front_figure(tuning: Tuning) -> Figure:
     """Draw error over torque variation: trials, the front, the validation, and others."""
-    figure, (ax,) = panels('Error and torque variation', [
+    figure, (ax,) = draw_panels('Error and torque variation', [
         f'what {tuning.percentile:g} % of the draws do not exceed'], 'RMS error [rad]', 5.2)
     rest = [x.score for k, x in enumerate(tuning.trials) if k not in tuning.front]
     for (name, marker, colour), within in zip(_TRIALS, (True, False)):
@@ -143,7 +153,7 @@ def front_figure(tuning: Tuning) -> Figure:
         marks.append((tuning.best.fresh.variation, tuning.best.fresh.error, {
             'marker': '*', 'color': _KNEE, 'markersize': 17, 'linestyle': '',
             'markeredgecolor': 'white', 'zorder': 5, 'label': 'recommended point'}))
-    trade_off(ax, marks, 'without a finite error', [*drawn, *fresh])
+    draw_trade_off(ax, marks, 'without a finite error', [*drawn, *fresh])
     legend_of(ax)
     return figure
 
@@ -222,7 +232,7 @@ def as_mapping(tuning: Tuning) -> dict[str, Any]:
     """Return everything as JSON has it."""
     spec, config = tuning.spec, tuning.spec.setup.controller
 
-    def score(x: OverDraws) -> dict[str, Any]:
+    def score(x: GainsScore) -> dict[str, Any]:
         return {'error_rad': x.error, 'torque_variation_nm_per_s': x.variation,
                 'max_torque_nm': x.torque, 'max_torque_rate_nm_per_s': x.rate,
                 'excess': x.excess}
