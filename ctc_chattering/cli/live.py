@@ -64,21 +64,21 @@ def run_live(options: argparse.Namespace) -> int:
     from ctc_chattering.live import require_viser
     require_viser()
     from ctc_chattering.live.page import Page
-    from ctc_chattering.live.server import opened, warning_of
+    from ctc_chattering.live.server import exposure_warning, open_browser
     if options.bags and (options.read_only or options.ros_args):
         raise UsageError('--read-only and --ros-args apply to the page of a graph, not of bags')
     if not options.bags_in.is_dir():
         raise UsageError(f'--bags-in {options.bags_in}: there is no such directory')
-    if warning := warning_of(options.host):
+    if warning := exposure_warning(options.host):
         say(f'ctc live: {warning}')
 
     with ExitStack() as open_pages:
         def make_page() -> Page:
             page = Page('ctc live', options.host, options.port)
-            print(f'open {page.url} in a browser; Ctrl-C stops', flush=True)
+            print(f'open {page.server.url} in a browser; Ctrl-C stops', flush=True)
             wanted = sys.stdout.isatty() if options.open is None else options.open
             if wanted:
-                open_pages.enter_context(opened(page.url))
+                open_pages.enter_context(open_browser(page.server.url))
             return page
 
         _serve(options, make_page)
