@@ -40,10 +40,11 @@ from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.control.laws.registry import LAWS, SWITCHINGS
 from ctc_chattering.errors import shorten
 from ctc_chattering.output_files import write_text
+from ctc_chattering.runs.conditions import Case
 from imperfections import (
     about,
     BASIC,
-    Case,
+    case_setup,
     CaseOutcome,
     CASES,
     engines,
@@ -121,8 +122,7 @@ def overview(outcomes: Sequence[CaseOutcome], title: str) -> Figure:
     """Draw both quantities of every case in `outcomes`, a line per case, a mark per variant."""
     table, look = rows(outcomes), _styles(outcomes)
     cases = [row[0].case for row in table]
-    names = [case.name if case.group == BASIC else f'{case.group}: {case.name}'
-             for case in cases]
+    names = [case.name if case.group == BASIC else case.title for case in cases]
     figure, grid = drawing.sheet(
         title, 1, (1.0, 1.0), (0.17 + 0.02 * len(look)) * len(table) + 0.3,
         left=0.4 + 0.067 * max(map(len, names)))
@@ -156,7 +156,7 @@ def overview(outcomes: Sequence[CaseOutcome], title: str) -> Figure:
 
 def chattering(case: Case, switchings: Sequence[str] = SWITCHINGS) -> Figure:
     """Draw v and the chattering term of joint 2 over `SLICE`, one column per switching."""
-    ka = case.setup().controller.ka[1]
+    ka = case_setup(case).controller.ka[1]
     figure, _ = drawing.sheet(
         f'Filtered error and chattering term of joint 2, ka = {ka:g} N·m, 1 kHz, clean', 2,
         (1.0,) * len(switchings), 2.2)

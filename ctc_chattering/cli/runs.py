@@ -39,13 +39,13 @@ from ctc_chattering.output_files import check_file, check_folder, claim
 from ctc_chattering.parameters import LEAST
 
 if TYPE_CHECKING:
-    from ctc_chattering.runs.points import Runs
+    from ctc_chattering.runs.run_lists import MapRuns
 
 
 def compare_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc compare`."""
     from ctc_chattering.runs.conditions import ALL, CONDITIONS, SEED
-    from ctc_chattering.runs.recommended import FILE, GAINS
+    from ctc_chattering.runs.recommended import FILE, GAIN_SOURCES
     parser.add_argument('files', nargs='+', metavar='F',
                         help='parameter file, or the name of one in the package, such as panda')
     parser.add_argument('--condition', action='append', default=[], metavar='X',
@@ -56,7 +56,7 @@ def compare_options(parser: argparse.ArgumentParser) -> None:
                              "imperfections, the paper's arm with one at a time")
     parser.add_argument('--laws', type=words, metavar='A,B', default=LAWS,
                         help='laws to run, default: all')
-    parser.add_argument('--gains', choices=GAINS, default=FILE,
+    parser.add_argument('--gains', choices=GAIN_SOURCES, default=FILE,
                         help='of the file, which is the default, or recommended: of every law by '
                              'a rule in what the controller knows')
     parser.add_argument('--held-out', type=int, default=0, metavar='N',
@@ -76,16 +76,18 @@ def run_compare(options: argparse.Namespace) -> int:
     compare.csv, figures, index.html, and a parameter file of every run. An interrupted comparison
     is continued.
     """
-    from ctc_chattering.runs.compare import compare
+    from ctc_chattering.runs.compare import compare, ComparisonSpec
     from ctc_chattering.runs.compare_page import outcomes, to_markdown
     from ctc_chattering.runs.store import PAGE
 
     with progress('compare', unit='run') as moved, as_usage_error(
             ('laws', 'condition', 'held_out', 'seed')):
-        rows = compare(
+        spec = ComparisonSpec(
             options.files, options.laws, options.condition, options.gains, options.held_out,
-            options.seed, options.jobs, say, moved, options.cases, options.out, options.overwrite,
-            options.format, options.said)
+            options.seed, options.cases)
+        rows = compare(
+            spec, out=options.out, jobs=options.jobs, overwrite=options.overwrite, show=say,
+            progress=moved, extra=options.format, command=options.said)
     print(to_markdown(outcomes(rows)))
     if options.out is not None:
         print_page(options.out / PAGE)
@@ -114,11 +116,11 @@ def run_map(options: argparse.Namespace) -> int:
     continued.
     """
     from ctc_chattering.runs.map import compute_map, map_spec
-    from ctc_chattering.runs.points import Runs
+    from ctc_chattering.runs.run_lists import MapRuns
     from ctc_chattering.runs.store import PAGE
 
     if options.explain is not None:
-        return _explain(Runs(map_spec(options.spec)), options)
+        return _explain(MapRuns(map_spec(options.spec)), options)
     with progress('map', unit='run') as moved:
         compute_map(options.spec, options.out, options.jobs, options.scheduler, options.overwrite,
                     partial(print, flush=True), moved, options.format, options.said)
@@ -126,7 +128,7 @@ def run_map(options: argparse.Namespace) -> int:
     return 0
 
 
-def _explain(runs: Runs, options: argparse.Namespace) -> int:
+def _explain(runs: MapRuns, options: argparse.Namespace) -> int:
     """Write the parameter file of a run of a map, for `ctc simulate` and `bringup`."""
     if not 0 <= (run := options.explain) < len(runs):
         raise UsageError(f'--explain {run}: allowed: 0 to {len(runs) - 1}')
@@ -213,7 +215,7 @@ def run_stability(options: argparse.Namespace) -> int:
         pole_over_resonance,
     )
     from ctc_chattering.runs.arm_margins import arm_margins, arm_rows
-    from ctc_chattering.runs.stability import rows, stability
+    from ctc_chattering.runs.stability import margin_rows, stability
 
     setup = load_setup(options)
     config, plant, found = setup.controller, setup.plant, stability(setup)
@@ -224,7 +226,8 @@ def run_stability(options: argparse.Namespace) -> int:
                              ('robot', plant.actuator_lag, plant.input_delay)):
         print(f'{who}: lag {number_text(tuple(1e3 * x for x in lags))} ms, delay {delay}')
     margins = arm_margins(setup)
-    print_columns([*rows(found, config.control_period), *(arm_rows(margins) if margins else ())])
+    print_columns([*margin_rows(found, config.control_period),
+                   *(arm_rows(margins) if margins else ())])
     if (part := pole_over_resonance(config)) > MAX_POLE_PER_RESONANCE:
         print(f'warning: the pole is {part:.2g} of the resonance of {config.resonance:g} Hz; at '
               f'most {MAX_POLE_PER_RESONANCE:g} is calm with encoders at the motors')

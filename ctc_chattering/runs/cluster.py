@@ -31,7 +31,7 @@ from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.runs import pool, store
-from ctc_chattering.runs.points import Points
+from ctc_chattering.runs.run_lists import RunList
 from ctc_chattering.runs.store import Numbers
 import numpy as np
 import pyarrow
@@ -87,7 +87,7 @@ def _refuse(event: str, arguments: tuple[Any, ...]) -> None:
                         'refused')
 
 
-def computed(client: Client, points: Points, chunks: Collection[Numbers]
+def computed(client: Client, points: RunList, chunks: Collection[Numbers]
              ) -> Iterator[pyarrow.Table]:
     """
     Yield the rows of every chunk, in their order.
@@ -96,7 +96,7 @@ def computed(client: Client, points: Points, chunks: Collection[Numbers]
     ----------
     client : Client
         As `connected` yields it.
-    points : Points
+    points : RunList
         What is run.
     chunks : collection of sequence of int
         Numbers of the runs.
@@ -108,8 +108,8 @@ def computed(client: Client, points: Points, chunks: Collection[Numbers]
         or the scheduler is lost.
 
     """
-    columns = store.schema(points)
-    answers = pool.computed(client, answer, chunks, points, store.version())
+    columns = store.table_schema(points)
+    answers = pool.run_on_workers(client, answer, chunks, points, store.version())
     for chunk in chunks:
         try:
             data = next(answers)
@@ -123,7 +123,7 @@ def computed(client: Client, points: Points, chunks: Collection[Numbers]
         yield read_answer(data, columns, chunk)
 
 
-def answer(points: Points, made_by: str, chunk: Numbers) -> bytes:
+def answer(points: RunList, made_by: str, chunk: Numbers) -> bytes:
     """Return the rows of a chunk as bytes, or why there are none; arguments of `store.compute`."""
     try:
         with as_ctc_error('a worker failed'):

@@ -30,8 +30,8 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.output_files import check_format, OutputFolder
 from ctc_chattering.parameters import checked_integer
 from ctc_chattering.runs import cluster, pool, store
-from ctc_chattering.runs.points import Points, Runs
-from ctc_chattering.runs.spec import MapSpec, parse, read_spec
+from ctc_chattering.runs.run_lists import MapRuns, RunList
+from ctc_chattering.runs.spec import MapSpec, parse_spec, read_spec
 from ctc_chattering.runs.store import Numbers
 import pyarrow
 
@@ -42,7 +42,7 @@ _FOLDER = 'maps'
 def map_spec(spec: Mapping[str, Any] | str | Path) -> MapSpec:
     """Return what is run; argument and errors as of `compute_map`."""
     if isinstance(spec, Mapping):
-        return parse(dict(spec), Path('map'))
+        return parse_spec(dict(spec), Path('map'))
     return read_spec(find_config(spec, folder=_FOLDER) if isinstance(spec, str) else spec)
 
 
@@ -92,7 +92,7 @@ def compute_map(spec: Mapping[str, Any] | str | Path, out: str | Path, jobs: int
     """
     jobs = checked_integer('jobs', jobs, 1)
     check_format(extra)
-    runs, out = Runs(map_spec(spec)), Path(out)
+    runs, out = MapRuns(map_spec(spec)), Path(out)
     with computed(runs, out, jobs, scheduler, overwrite, show, progress) as made:
         table = made.table
         failed = len(table) - table['failure'].to_pylist().count('')
@@ -111,7 +111,7 @@ class Computed(NamedTuple):
 
 
 @contextmanager
-def computed(points: Points, out: Path | None, jobs: int, scheduler: str | None, overwrite: bool,
+def computed(points: RunList, out: Path | None, jobs: int, scheduler: str | None, overwrite: bool,
              show: Callable[[str], None], progress: Callable[[int, int], None] | None
              ) -> Iterator[Computed]:
     """
@@ -123,9 +123,10 @@ def computed(points: Points, out: Path | None, jobs: int, scheduler: str | None,
     required_codes(points.robot)  # What is missing shows here.
     with ExitStack() as stack:
         path = out or Path(stack.enter_context(TemporaryDirectory()))
-        directory = stack.enter_context(store.opened(
-            path, store.about(points), store.schema(points), overwrite, points.kind))
-        rows, compute = store.schema(points).empty_table(), None
+        directory = stack.enter_context(store.open_directory(
+            path, store.table_metadata(points), store.table_schema(points), overwrite,
+            points.command))
+        rows, compute = store.table_schema(points).empty_table(), None
         while len(some := points.next_runs(rows)):
             chunks = {directory.file(x): x for x in store.chunks(points, some)}
             found = {file: directory.rows(x, show) for file, x in chunks.items()}
@@ -150,7 +151,7 @@ def computed(points: Points, out: Path | None, jobs: int, scheduler: str | None,
         yield Computed(directory.merge(rows), directory.folder)
 
 
-def _compute(stack: ExitStack, points: Points, jobs: int, scheduler: str | None,
+def _compute(stack: ExitStack, points: RunList, jobs: int, scheduler: str | None,
              show: Callable[[str], None]
              ) -> Callable[[Collection[Numbers]], Iterator[pyarrow.Table]]:
     """Return what computes the rows of chunks; its processes end with `stack`."""
@@ -160,7 +161,7 @@ def _compute(stack: ExitStack, points: Points, jobs: int, scheduler: str | None,
         return partial(cluster.computed, client, points)
     compile_setups(points.examples(), show)
     if jobs == 1:
-        return lambda chunks: pool.serially(store.compute, chunks, points, '')
+        return lambda chunks: pool.run_serially(store.compute, chunks, points, '')
     client = stack.enter_context(pool.workers(jobs))
     show(counted(pool.threads(client, show), 'worker'))
-    return lambda chunks: pool.computed(client, store.compute, chunks, points, '')
+    return lambda chunks: pool.run_on_workers(client, store.compute, chunks, points, '')

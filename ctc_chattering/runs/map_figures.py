@@ -22,8 +22,8 @@ from typing import Any
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.drawing import legend, legend_of
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.runs.figures import law_styles
 from ctc_chattering.runs.map_data import Counts, GridAxis, LEVEL, MapData, share, spaced, wilson
+from ctc_chattering.runs.run_figures import law_styles
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, LogNorm, Normalize

@@ -25,7 +25,7 @@ from ctc_chattering.analysis.page import FigureFile, Folded, Section, write_page
 from ctc_chattering.analysis.tables import counted, Table, two_lines
 from ctc_chattering.runs.map_data import against, KINDS, MapData, passing, pooled, sobol_table
 from ctc_chattering.runs.map_figures import figures
-from ctc_chattering.runs.spec import MapSpec, rows_of
+from ctc_chattering.runs.spec import MapSpec, spec_rows
 from ctc_chattering.runs.store import FIGURES, JSON, PAGE, TABLE
 import matplotlib
 import numpy as np
@@ -60,7 +60,7 @@ def write_report(spec: MapSpec, table: Any, directory: Path, extra: str = 'svg',
                    spec.repeats.sampling == 'saltelli')
     with matplotlib.rc_context({'svg.hashsalt': 'map'}):  # Equal data give equal files.
         files = save(figures(data), directory / FIGURES, ('svg', extra))
-    write_map_page(data, files, directory / PAGE, dict(rows_of(spec.tree)), command)
+    write_map_page(data, files, directory / PAGE, dict(spec_rows(spec.tree)), command)
     return directory / PAGE
 
 

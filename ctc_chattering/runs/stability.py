@@ -21,7 +21,7 @@ Stability margins of the loop of a parameter file, and their table.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 import math
 
 from ctc_chattering.analysis.tables import rounded
@@ -59,7 +59,8 @@ def loops_of(setup: Setup) -> Loops:
 
     """
     config, plant = setup.controller, setup.plant
-    n, lags = len(config.joint_names), np.array(plant.actuator_lag)
+    n = len(config.joint_names)
+    lags = np.array(plant.actuator_lag)
     eye = np.eye(n)
     law = linear_law(config, eye)
     are_equal = _joints_are_equal(config, lags)
@@ -79,7 +80,7 @@ def loops_of(setup: Setup) -> Loops:
 
 
 def _check_proportion(config: ControllerConfig, law: LinearLaw, mass: Array) -> None:
-    """Refuse a law whose torque with M̂ = `mass` is not `mass` times that with M̂ = 1."""
+    """Refuse a law whose torque at M̂ = `mass` is not `mass` times that at M̂ = 1."""
     response = linear_law(config, mass).response()
     if not np.abs(mass @ law.response() - response).max() <= 1e-3 * np.abs(response).max():
         raise CtcError(f'law {config.law}: its torque is not in proportion to M of the model; its '
@@ -131,19 +132,19 @@ def stability(setup: Setup) -> Margins:
     Examples
     --------
     >>> from ctc_chattering import load_parameters, stability
-    >>> found = stability(load_parameters('friction', {'controller': {'law': 'compensation'}}))
-    >>> found.radius < 1.0, f'{found.ratios.low:.2f} to {found.ratios.high:.0f}'
+    >>> margins = stability(load_parameters('friction', {'controller': {'law': 'compensation'}}))
+    >>> margins.radius < 1.0, f'{margins.ratios.low:.2f} to {margins.ratios.high:.0f}'
     (True, '0.01 to 40')
 
     """
     return loops_of(setup).margins()
 
 
-def rows(margins: Margins, period: float) -> Iterator[tuple[str, str]]:
+def margin_rows(margins: Margins, period: float) -> Iterator[tuple[str, str]]:
     """Yield rows of a table, intervals rounded inwards; `period` is h [s]."""
     if margins.radius < 1.0:
         slowest = -1e3 * period / math.log(margins.radius)
-        yield 'slowest time constant, model exact', f'{_digits(slowest, up=True)} ms'
+        yield 'slowest time constant, model exact', f'{_two_digits(slowest, math.ceil)} ms'
     else:
         yield 'model exact', f'unstable: a pole at {margins.radius:.3g}'
     yield 'M of the model / M of the robot, constant', range_text(margins.ratios)
@@ -151,27 +152,28 @@ def rows(margins: Margins, period: float) -> Iterator[tuple[str, str]]:
     for ratio, lags, delays in zip(RATIOS, margins.lags, margins.delays):
         model = '' if ratio == 1.0 else f', model {ratio:g} M'
         yield f'lag of the drives{model}', range_text(lags, 1e3, ' ms')
-        yield f'delay{model}', f'{_counts(delays)} samples' if delays else 'none'
+        yield f'delay{model}', f'{_delays_text(delays)} samples' if delays else 'none'
 
 
 def range_text(stable: StableRange | None, factor: float = 1.0, unit: str = '') -> str:
     """Return an interval, rounded inwards."""
     if stable is None:
         return 'none'
-    low, high = _digits(factor * stable.low, up=True), _digits(factor * stable.high, up=False)
+    low = _two_digits(factor * stable.low, math.ceil)
+    high = _two_digits(factor * stable.high, math.floor)
     return f'{low} to {high}{unit}'
 
 
-def _counts(counts: Sequence[int]) -> str:
+def _delays_text(delays: Sequence[int]) -> str:
     """Return ascending numbers, as a range if they are consecutive."""
-    if len(counts) > 1 and counts[-1] - counts[0] == len(counts) - 1:
-        return f'{counts[0]} to {counts[-1]}'
-    return ', '.join(map(str, counts))
+    if len(delays) > 1 and delays[-1] - delays[0] == len(delays) - 1:
+        return f'{delays[0]} to {delays[-1]}'
+    return ', '.join(map(str, delays))
 
 
-def _digits(x: float, up: bool) -> str:
-    """Return a number to two digits, rounded up or down."""
+def _two_digits(x: float, round_to: Callable[[float], int]) -> str:
+    """Return a number to two digits, rounded by `math.ceil` or `math.floor`."""
     if not 0.0 < x < math.inf:
         return f'{x:g}'
     step = 10.0 ** (math.floor(math.log10(x)) - 1)
-    return f'{rounded((math.ceil if up else math.floor)(x / step) * step, 2):g}'
+    return f'{rounded(round_to(x / step) * step, 2):g}'

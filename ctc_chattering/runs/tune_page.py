@@ -27,10 +27,18 @@ from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.tables import columns, number_text, rounded, Table
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.output_files import check_format, new_folder, replacing, write_json
-from ctc_chattering.runs.figures import Mark, panels, trade_off
-from ctc_chattering.runs.spec import rows_of
+from ctc_chattering.runs.run_figures import draw_panels, draw_trade_off, Mark
+from ctc_chattering.runs.spec import spec_rows
 from ctc_chattering.runs.store import write_table
-from ctc_chattering.runs.tune import Candidate, CONSTRAINTS, OverDraws, RATE, TORQUE, Trial, Tuning
+from ctc_chattering.runs.tune import (
+    Candidate,
+    CONSTRAINTS,
+    GainsScore,
+    RATE,
+    TORQUE,
+    Trial,
+    Tuning,
+)
 from ctc_chattering.runs.tune_spec import SPACE, space, TuneSpec
 from matplotlib.figure import Figure
 
@@ -61,7 +69,7 @@ def facts(tuning: Tuning) -> Iterator[tuple[str, str]]:
     yield 'search', (f'{len(tuning.trials)} trials × {len(tuning.drawn)} draws '
                      f'({spec.repeats.sampling}), seed {tuning.seed}')
     yield 'validation', f'{len(tuning.fresh)} fresh draws, seed {tuning.fresh.spec.repeats.seed}'
-    yield from rows_of({'uncertain': spec.tree['uncertain']})
+    yield from spec_rows({'uncertain': spec.tree['uncertain']})
     for name, most, unit in ((TORQUE, spec.limits.torque, 'N·m'),
                              (RATE, spec.limits.rate, 'N·m/s')):
         yield f'limit of the {name}', 'none' if min(most) == inf else (
@@ -71,7 +79,7 @@ def facts(tuning: Tuning) -> Iterator[tuple[str, str]]:
         if (n := sum(x.score.excess[name] > 0.0 for x in tuning.trials))) or 'none'
 
 
-def violated(score: OverDraws) -> str:
+def violated(score: GainsScore) -> str:
     """Return by how much, or in which part of the runs, what is violated; empty for nothing."""
     return ', '.join(f'{name} {x:+.1%}' for name, x in score.excess.items() if x > 0.0)
 
@@ -120,7 +128,7 @@ def text(tuning: Tuning) -> str:
 
 def front_figure(tuning: Tuning) -> Figure:
     """Draw error over torque variation: trials, the front, the validation, and others."""
-    figure, (ax,) = panels('Error and torque variation', [
+    figure, (ax,) = draw_panels('Error and torque variation', [
         f'what {tuning.percentile:g} % of the draws do not exceed'], 'RMS error [rad]', 5.2)
     rest = [x.score for k, x in enumerate(tuning.trials) if k not in tuning.front]
     for (name, marker, colour), within in zip(_TRIALS, (True, False)):
@@ -143,7 +151,7 @@ def front_figure(tuning: Tuning) -> Figure:
         marks.append((tuning.best.fresh.variation, tuning.best.fresh.error, {
             'marker': '*', 'color': _KNEE, 'markersize': 17, 'linestyle': '',
             'markeredgecolor': 'white', 'zorder': 5, 'label': 'recommended point'}))
-    trade_off(ax, marks, 'without a finite error', [*drawn, *fresh])
+    draw_trade_off(ax, marks, 'without a finite error', [*drawn, *fresh])
     legend_of(ax)
     return figure
 
@@ -222,7 +230,7 @@ def as_mapping(tuning: Tuning) -> dict[str, Any]:
     """Return everything as JSON has it."""
     spec, config = tuning.spec, tuning.spec.setup.controller
 
-    def score(x: OverDraws) -> dict[str, Any]:
+    def score(x: GainsScore) -> dict[str, Any]:
         return {'error_rad': x.error, 'torque_variation_nm_per_s': x.variation,
                 'max_torque_nm': x.torque, 'max_torque_rate_nm_per_s': x.rate,
                 'excess': x.excess}

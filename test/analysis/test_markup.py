@@ -42,8 +42,8 @@ from ctc_chattering.runs.compare_page import write_page as write_comparison_page
 from ctc_chattering.runs.map_data import MapData
 from ctc_chattering.runs.map_figures import lines
 from ctc_chattering.runs.map_page import write_map_page
-from ctc_chattering.runs.recommended import BASE, Variant
-from ctc_chattering.runs.tune import searched, Tuning
+from ctc_chattering.runs.recommended import BASELINE, LawSettings
+from ctc_chattering.runs.tune import search_gains, Tuning
 from ctc_chattering.runs.tune_page import write_page as write_search_page
 from identified_bags import short
 from jinja2 import UndefinedError
@@ -97,7 +97,7 @@ def of_a_map(name: str, out: Path) -> None:
 
 @lru_cache(1)
 def search() -> Tuning:
-    return searched(short_spec(duration=0.1), 1, 100.0, 1)
+    return search_gains(short_spec(duration=0.1), 1, 100.0, 1)
 
 
 def of_a_search(name: str, out: Path) -> None:
@@ -125,7 +125,7 @@ def of_an_identification(name: str, out: Path) -> None:
 
 def outcomes(name: str) -> list[Outcome]:
     return compared(
-        name, (BASE, 1e-3, 1.0, ''), (Variant('chattering', 'sign', 'file'), 1.0, 2.0, ''))
+        name, (BASELINE, 1e-3, 1.0, ''), (LawSettings('chattering', 'sign'), 1.0, 2.0, ''))
 
 
 def of_a_comparison(name: str, out: Path) -> None:

@@ -33,7 +33,7 @@ from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.control.laws.registry import law_class, LAWS
 from ctc_chattering.control.settings import HANDOVER_DURATION_S
 from ctc_chattering.ros.topics import TOPICS
-from ctc_chattering.runs.conditions import condition
+from ctc_chattering.runs.conditions import find_condition
 from ctc_chattering.runs.recommended import gains_by_rule
 import pytest
 
@@ -183,7 +183,7 @@ def test_the_pole_of_integral_on_the_paper_s_arm() -> None:
     p = 0.24 / (2e-3 + 1e-3 * (1 + 1) + 9.9 / 1000.0)
     assert f'this is {p:.0f} rad/s' in PAGE
     friction = find_config('friction')
-    given = condition('real_arm').overrides(parameter_file.load(friction))[0]
+    given = find_condition('real_arm').cases(parameter_file.load(friction))[0].overrides
     setup = parameter_file.load(friction, {**given, 'controller': {
         **given['controller'], 'law': 'integral', 'friction_level': [9.9, 9.9]}})
     assert gains_by_rule(setup)['ki'] == pytest.approx([p ** 3] * 2)

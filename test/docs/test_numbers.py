@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import csv
+import dataclasses
 from math import inf
 from pathlib import Path
 import re
@@ -33,7 +34,7 @@ from ctc_chattering.control.laws.registry import SWITCHINGS
 from ctc_chattering.runs.conditions import ALL, CONDITIONS
 from ctc_chattering.runs.score import Score
 import imperfections as cases
-from imperfections import Case, CaseOutcome, evaluate, to_csv
+from imperfections import CaseOutcome, evaluate, to_csv
 from imperfections import EVERY_LAW as LAWS
 from imperfections_page import OF_LAWS as LAW_KIND
 from imperfections_page import OF_SWITCHINGS as SWITCHING_KIND
@@ -119,7 +120,7 @@ def test_a_stale_row_is_found() -> None:
     row = next(row for row in ROWS if 'from the reference, known' in row.case.name
                and row.case.name.startswith('200') and row.variant == 'sign')
     case = row.case
-    stale = Case(case.name, case.group, {**case.overrides, 'controller': {
+    stale = dataclasses.replace(case, overrides={**case.overrides, 'controller': {
         **case.overrides['controller'], 'anti_windup': False}})
     with pytest.raises(AssertionError):
         check(row._replace(case=stale))

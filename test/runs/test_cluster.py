@@ -81,8 +81,8 @@ def test_rows_come_from_a_cluster(tmp_path: Path) -> None:
 
 def pool_of(client: Any, made: Any) -> Iterator[Any]:
     """Yield what a worker answers to another version."""
-    for data in pool.computed(client, cluster.answer, [np.arange(1)], made, '0'):
-        yield cluster.read_answer(data, store.schema(made), np.arange(1))
+    for data in pool.run_on_workers(client, cluster.answer, [np.arange(1)], made, '0'):
+        yield cluster.read_answer(data, store.table_schema(made), np.arange(1))
 
 
 @pytest.fixture(scope='module')
@@ -113,7 +113,7 @@ def test_the_attack_would_succeed_where_dask_unpickles(
     """Check that the worker's answer is one that makes a file."""
     address, folder = attacked
     with pool.workers(1, address) as client:
-        answers = pool.computed(client, cluster.answer, [np.array([0])], runs(), '')
+        answers = pool.run_on_workers(client, cluster.answer, [np.array([0])], runs(), '')
         assert next(answers) is None
     assert marked(folder)
     (folder / str(os.getpid())).unlink()

@@ -31,7 +31,7 @@ from ctc_chattering.runs.map_data import (
     sobol_table,
     wilson,
 )
-from ctc_chattering.runs.points import unit_draws
+from ctc_chattering.runs.run_lists import draw_unit_cube
 from map_tables import made_up, table_of
 import numpy as np
 import numpy.typing as npt
@@ -228,7 +228,7 @@ def test_ranges_are_the_values_that_pass(probability: list[float], expected: str
 
 def test_of_ishigami() -> None:
     """Its indices are known: 0.314, 0.442 and 0; in total 0.558, 0.442 and 0.244."""
-    x, y, z = pi * (2.0 * unit_draws('saltelli', 5 * 1024, 3, 0).T - 1.0)
+    x, y, z = pi * (2.0 * draw_unit_cube('saltelli', 5 * 1024, 3, 0).T - 1.0)
     values = np.sin(x) + 7.0 * np.sin(y) ** 2 + 0.1 * z ** 4 * np.sin(x)
     indices, intervals = sobol_indices(values, 3)
     for k, exact in enumerate(([0.3139, 0.4424, 0.0], [0.5576, 0.4424, 0.2437])):
@@ -240,7 +240,7 @@ def test_of_ishigami() -> None:
 
 
 def test_draws_are_a_b_and_a_with_one_column_of_b() -> None:
-    A, B, *mixed = unit_draws('saltelli', 5 * 8, 3, 1).reshape(5, 8, 3)
+    A, B, *mixed = draw_unit_cube('saltelli', 5 * 8, 3, 1).reshape(5, 8, 3)
     for k, each in enumerate(mixed):
         assert (each[:, k] == B[:, k]).all()
         assert (np.delete(each, k, 1) == np.delete(A, k, 1)).all()
@@ -248,7 +248,7 @@ def test_draws_are_a_b_and_a_with_one_column_of_b() -> None:
 
 def drawn(diverged: float) -> MapData:
     """Return a map of errors that grow with the first of two draws, and diverge beyond."""
-    u = unit_draws('saltelli', 4 * 64, 2, 0)
+    u = draw_unit_cube('saltelli', 4 * 64, 2, 0)
     error = np.where(u[:, 0] > diverged, np.nan, np.exp(u[:, 0])).reshape(1, 1, -1)
     failure = np.where(np.isnan(error), 'diverged', np.where(error > 2.0, 'error', ''))
     return MapData(table_of(['compensation'], {}, {'error': error, 'failure': failure},

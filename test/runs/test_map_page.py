@@ -31,7 +31,7 @@ from ctc_chattering.runs.map_figures import (
     NO_NUMBER,
 )
 from ctc_chattering.runs.map_page import against_base, failures, headline, lead, write_report
-from ctc_chattering.runs.spec import rows_of
+from ctc_chattering.runs.spec import spec_rows
 from figure_layout import overlaps
 from map_specs import spec
 from map_tables import LAWS, made_up, table_of
@@ -108,7 +108,7 @@ def test_one_law_that_never_fails() -> None:
 def test_page_and_figures_of_a_spec(tmp_path: Path) -> None:
     ka = {'parameter': 'controller.ka', 'values': [5, 20]}
     small = spec(axes={'ka': ka}, laws=['compensation', 'chattering sign'])
-    found = dict(rows_of(small.tree))
+    found = dict(spec_rows(small.tree))
     assert found['laws'] == '[compensation, chattering sign]'
     assert found['axes ka'] == '{parameter: controller.ka, values: [5, 20]}'
     table = made_up({'ka': [5.0, 20.0]}, 3, variants=[x.name for x in small.variants])

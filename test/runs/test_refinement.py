@@ -22,7 +22,7 @@ from typing import Any
 
 from ctc_chattering.runs import store
 from ctc_chattering.runs.map_data import MapData
-from ctc_chattering.runs.points import FAILS, PASSES, Runs, UNKNOWN, wanted
+from ctc_chattering.runs.run_lists import FAILS, MapRuns, next_points, PASSES, UNKNOWN
 from ctc_chattering.runs.store import Directory
 from map_specs import runs
 import numpy as np
@@ -37,7 +37,7 @@ KA: dict[str, Any] = {'parameter': 'controller.ka', 'range': [1, 33], 'count': 3
 def refined(fails: Callable[..., Any], shape: tuple[int, ...], coarse: tuple[int, ...]) -> Any:
     """Return the state of a grid in which a rule says what fails, when nothing is wanted."""
     state = np.full(shape, UNKNOWN, np.int8)
-    while (more := wanted(state, coarse)).any():
+    while (more := next_points(state, coarse)).any():
         state[more] = np.where(fails(*np.nonzero(more)), FAILS, PASSES)
     return state
 
@@ -73,18 +73,18 @@ def test_a_boundary_between_two_points_of_the_coarse_grid_is_followed_from_elsew
     assert (island != UNKNOWN).sum() == 25
 
 
-def rows(made: Runs, numbers: Any) -> pyarrow.Table:
+def rows(made: MapRuns, numbers: Any) -> pyarrow.Table:
     """Return rows of runs that fail where friction exceeds ka, for one law twice that."""
     def failure(x: dict[str, Any]) -> str:
         return 'error' * bool(x['friction'] > x['ka'] * (1 + (x['law'] == 'chattering')))
     return pyarrow.Table.from_pylist([
         {**which, 'failure': failure(which), 'error': 1.0} for which in map(
-            made.columns, numbers)], store.schema(made))
+            made.columns, numbers)], store.table_schema(made))
 
 
-def mapped(made: Runs, directory: Directory, computed: list[Any]) -> pyarrow.Table:
+def mapped(made: MapRuns, directory: Directory, computed: list[Any]) -> pyarrow.Table:
     """Refine a map as `ctc map` does, chunks in reverse; return its rows."""
-    table = store.schema(made).empty_table()
+    table = store.table_schema(made).empty_table()
     while len(some := made.next_runs(table)):
         chunks = store.chunks(made, some)
         for part in reversed([x for x in chunks if directory.rows(x, print) is None]):
@@ -97,12 +97,12 @@ def mapped(made: Runs, directory: Directory, computed: list[Any]) -> pyarrow.Tab
 @pytest.mark.slow
 def test_rows_are_those_of_the_whole_map_and_are_not_computed_again(tmp_path: Path) -> None:
     made = runs(axes={'friction': AXIS, 'ka': KA}, refine=3, laws=['compensation', 'chattering'])
-    about, first, again = store.about(made), list[Any](), list[Any]()
-    with store.opened(tmp_path, about, store.schema(made)) as directory:
+    about, first, again = store.table_metadata(made), list[Any](), list[Any]()
+    with store.open_directory(tmp_path, about, store.table_schema(made)) as directory:
         table = mapped(made, directory, first)
     before = (tmp_path / 'map.parquet').read_bytes()
     next(tmp_path.glob('shards/*.parquet')).unlink()
-    with store.opened(tmp_path, about, store.schema(made)) as directory:
+    with store.open_directory(tmp_path, about, store.table_schema(made)) as directory:
         assert mapped(made, directory, again).equals(table)
     assert (tmp_path / 'map.parquet').read_bytes() == before
     assert len(again) == 1 < len(first)

@@ -27,14 +27,14 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.errors import CtcError, MachineError
-from ctc_chattering.runs.points import row_of
+from ctc_chattering.runs.run_lists import result_row
 from ctc_chattering.runs.score import (
-    limits,
-    of_results,
-    over_simulation,
+    result_columns,
     Score,
     score,
+    simulate_truth,
     slips_at_rest,
+    torque_limits,
 )
 from ctc_chattering.runs.spec import Failure
 from ctc_chattering.simulation.closed_loop import Run
@@ -54,14 +54,14 @@ def setup(**plant: Any) -> Setup:
 def test_numbers_are_those_of_the_samples_with_none_missing_in_between() -> None:
     """Check a run that lacks samples, in the window and as a whole."""
     made = setup(sample_loss=0.2)
-    result = over_simulation(made)
+    result = simulate_truth(made)
     found, run = score(made, WINDOW, lambda _: result), result.run
     part, whole = (metrics(run, x, period=1e-3) for x in (WINDOW, (0.0, 0.1)))
     assert part['missing_samples'] == found.missing != 0
     assert found.variation == tuple(part['torque_variation_nm_per_s'])
     assert found.peak_rate == tuple(whole['max_torque_rate_nm_per_s'])
     assert found.peak == tuple(np.abs(run.tau).max(axis=0))
-    row = row_of(found, 2, NONE)
+    row = result_row(found, 2, NONE)
     assert (row['error'], row['variation']) == (max(found.rms), max(found.variation))
     assert [row[f'peak_torque_nm_{i}'] for i in (1, 2)] == list(found.peak)
     assert (found.failure, found.engine) == (
@@ -75,7 +75,7 @@ def test_a_failure_has_a_reason_and_no_numbers() -> None:
     found = score(setup(), (0.0501, 0.0502))
     assert found == Score(failure='fewer than two samples from 0.0501 s to 0.0502 s',
                           engine=found.engine)
-    assert (found.error, row_of(found, 2, NONE)['variation']) == (inf, None)
+    assert (found.error, result_row(found, 2, NONE)['variation']) == (inf, None)
 
 
 @pytest.mark.parametrize(('error', 'text'), [
@@ -114,7 +114,7 @@ def test_slips_are_those_at_rest() -> None:
 def test_states_are_the_true_ones() -> None:
     coarse = setup(encoder_resolution=[0.01, 0.01])
     seen = simulate(coarse).run
-    true = over_simulation(coarse).run
+    true = simulate_truth(coarse).run
     assert (true.tau == seen.tau).all()
     assert seen.q[1:] == pytest.approx(0.01 * np.round(seen.q[1:] / 0.01), abs=1e-9)
     assert np.abs(true.q - seen.q).max() > 1e-3
@@ -164,7 +164,7 @@ def test_the_numbers_are_those_of_the_true_states(way: str) -> None:
         'max_error_norm1_rad': np.abs(e).sum(axis=1).max(), 'missing_samples': 0}
     np.testing.assert_allclose([row[key] for key in expected], list(expected.values()), rtol=1e-6)
     assert (row['engine'], row['failure'], row['reason']) == (way, '', '')
-    assert list(row) == list(of_results(2))
+    assert list(row) == list(result_columns(2))
 
 
 @WAYS
@@ -210,4 +210,4 @@ def test_the_limit_of_a_torque_is_the_least_of_controller_model_and_drives() -> 
     panda = parameter_file.load(CONFIG / 'panda.yaml', {
         'controller': {'effort_limit': [np.inf, 50.0, *[np.inf] * 5]},
         'plant': {'torque_saturation': [np.inf, np.inf, 60.0, *[np.inf] * 4]}})
-    assert limits(panda) == [87.0, 50.0, 60.0, 87.0, 12.0, 12.0, 12.0]
+    assert torque_limits(panda) == [87.0, 50.0, 60.0, 87.0, 12.0, 12.0, 12.0]

@@ -26,13 +26,13 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.spec import (
-    applied,
-    check,
+    check_quantities,
     Failure,
     KEYS,
     read_axis,
     read_spec,
     read_uncertain,
+    set_quantities,
 )
 from map_specs import SMALL, spec, written
 import numpy as np
@@ -60,7 +60,7 @@ def test_every_key_is_in_the_docs_and_means_what_they_say(tmp_path: Path) -> Non
     assert found.failure.as_mapping() == {
         'error_above': 0.01, 'error_share_above': 0.2, 'saturated_above': 0.05,
         'not_reached': True, 'slips_above': 1.0}
-    assert [(x.name, x.law, x.switching, x.recommended) for x in found.variants] == [
+    assert [(x.name, x.law, x.switching, x.is_recommended) for x in found.variants] == [
         ('compensation', 'compensation', '', False),
         ('chattering sign', 'chattering', 'sign', False),
         ('observer_feedback recommended', 'observer_feedback', '', True),
@@ -187,7 +187,8 @@ def axis(parameter: str | list[str], values: list[float], **more: Any) -> Any:
 
 
 def test_a_number_is_that_of_every_joint_and_of_every_node() -> None:
-    setup = applied(SETUP, [(axis(FRICTION, [3]), 3.0), (axis('control_period', [2e-3]), 2e-3)])
+    setup = set_quantities(SETUP, [
+        (axis(FRICTION, [3]), 3.0), (axis('control_period', [2e-3]), 2e-3)])
     assert setup.plant.coulomb_friction == (3.0, 3.0)
     periods = {x.control_period for x in (setup.plant, setup.controller, setup.reference)}
     assert periods == {2e-3}
@@ -197,22 +198,23 @@ def test_a_number_is_that_of_every_joint_and_of_every_node() -> None:
 
 def test_an_integer_stays_one() -> None:
     delay = axis(['plant.input_delay', 'controller.input_delay'], [0, 1, 2])
-    setup = applied(SETUP, [(delay, 2.0)])
+    setup = set_quantities(SETUP, [(delay, 2.0)])
     assert (setup.plant.input_delay, setup.controller.input_delay) == (2, 2)
     assert type(setup.plant.input_delay) is int
     with pytest.raises(CtcError, match=r'input_delay: 1\.5 is not allowed; allowed: an integer'):
-        applied(SETUP, [(delay, 1.5)])
+        set_quantities(SETUP, [(delay, 1.5)])
 
 
 def test_a_factor_multiplies_what_is_there() -> None:
     file = SETUP.changed({'plant': {'coulomb_friction': [2.0, 4.0]}})
     double, level = axis(FRICTION, [2], factor=True), axis(FRICTION, [3])
-    assert applied(file, [(double, 2.0)]).plant.coulomb_friction == (4.0, 8.0)
-    assert applied(file, [(level, 3.0), (double, 2.0)]).plant.coulomb_friction == (6.0, 6.0)
-    assert applied(file, [(double, 2.0), (double, 2.0)]).plant.coulomb_friction == (8.0, 16.0)
+    assert set_quantities(file, [(double, 2.0)]).plant.coulomb_friction == (4.0, 8.0)
+    assert set_quantities(file, [(level, 3.0), (double, 2.0)]).plant.coulomb_friction == (6.0, 6.0)
+    twice = set_quantities(file, [(double, 2.0), (double, 2.0)])
+    assert twice.plant.coulomb_friction == (8.0, 16.0)
     full = SETUP.changed({'controller': {'kp': [2.0, 0.5, 0.5, 3.0]}})
     gain = axis('controller.kp', [2], factor=True)
-    assert applied(full, [(gain, 2.0)]).controller.kp == (4.0, 1.0, 1.0, 6.0)
+    assert set_quantities(full, [(gain, 2.0)]).controller.kp == (4.0, 1.0, 1.0, 6.0)
 
 
 def test_a_range_is_a_grid() -> None:
@@ -265,15 +267,15 @@ def test_bad_distributions(distribution: dict[str, Any], words: list[str]) -> No
 def test_values_are_checked_before_anything_runs() -> None:
     """Check the ends of a distribution, contradictions, and the order of what is set twice."""
     level, factor = axis(FRICTION, [3]), axis(FRICTION, [2], factor=True)
-    check([(level, (3.0,)), (factor, (2.0,))], SETUP)
+    check_quantities([(level, (3.0,)), (factor, (2.0,))], SETUP)
     for quantities, words in (
             ([(axis(FRICTION, [-1, 1]), (-1.0, 1.0))], ['x = -1', 'coulomb_friction', '>= 0']),
             ([(axis('plant.control_period', [2e-3]), (2e-3,))], ['x = 0.002', 'put what nodes']),
             ([(level, ()), (read_axis('y', {'parameter': FRICTION, 'values': [1]}), ())],
-             ['y', FRICTION, 'a factor, for x sets it'])):
+             ['y', FRICTION, 'a factor, since x sets it'])):
 
         with pytest.raises(CtcError) as error:
-            check(quantities, SETUP)
+            check_quantities(quantities, SETUP)
         assert [word for word in words if word not in str(error.value)] == []
     far = read_uncertain('x', {'parameter': FRICTION, 'normal': [1.0, 9.0]})
-    check([(far, far.typical)], SETUP)  # A draw below 0 is refused when it comes.
+    check_quantities([(far, far.typical)], SETUP)  # A draw below 0 is refused when it comes.

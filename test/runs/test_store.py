@@ -25,7 +25,7 @@ from typing import Any
 
 from ctc_chattering.errors import CtcError
 from ctc_chattering.runs import store
-from ctc_chattering.runs.points import Runs
+from ctc_chattering.runs.run_lists import MapRuns
 from ctc_chattering.runs.store import Directory
 from map_specs import evaluate, runs, SMALL
 import numpy as np
@@ -37,7 +37,7 @@ SCHEMA = pyarrow.schema([('run', 'int64'), ('error', 'float64')])
 ABOUT = {'key': 'one', 'spec': {'a': 1}, 'versions': {'ctc_chattering': '1'}}
 
 
-def sizes(made: Runs) -> list[int]:
+def sizes(made: MapRuns) -> list[int]:
     found = store.chunks(made, range(len(made)))
     assert [run for chunk in found for run in chunk] == list(range(len(made)))
     return [len(chunk) for chunk in found]
@@ -53,7 +53,7 @@ def test_a_chunk_has_so_many_control_steps() -> None:
 def test_rows_are_those_of_their_runs() -> None:
     made = runs()
     table = store.compute(made, store.version(), range(5, 9))
-    assert table.schema == store.schema(made)
+    assert table.schema == store.table_schema(made)
     for run, row in zip(range(5, 9), table.to_pylist()):
         assert row == {**made.columns(run), **evaluate(
             made.setup(run), made.spec.window, made.spec.failure)}
@@ -97,12 +97,12 @@ CHANGES: list[dict[str, Any]] = [
 
 
 def test_keys_change_with_everything_that_matters(tmp_path: Path) -> None:
-    keys = [store.about(runs(**change))['key'] for change in [{}, *CHANGES]]
+    keys = [store.table_metadata(runs(**change))['key'] for change in [{}, *CHANGES]]
     with opened(tmp_path) as made:
         pass
     keys += [made.file(chunk) for chunk in (range(2), range(3), range(1, 3))]
     assert len(set(keys)) == len(keys)
-    assert store.about(runs())['key'] == keys[0]
+    assert store.table_metadata(runs())['key'] == keys[0]
 
 
 def test_files_matter_by_what_they_contain(tmp_path: Path) -> None:
@@ -113,10 +113,11 @@ def test_files_matter_by_what_they_contain(tmp_path: Path) -> None:
         path.write_text(f'joint_names: [joint1, joint2]\npoints:\n'
                         f'- {{positions: [{end}, 1.5], time_from_start: 1.0}}\n')
         made = runs(overrides={'reference': {'trajectory_file': str(path)}})
-        keys.add(store.about(made)['key'])
+        keys.add(store.table_metadata(made)['key'])
     assert len(keys) == 2
     panda = runs(params_file='panda', overrides={}, axes=None, laws=['compensation'])
-    assert set(store.about(panda)['spec']['descriptions']) == {'plant', 'controller', 'reference'}
+    assert set(store.table_metadata(panda)['spec']['descriptions']) == {
+        'plant', 'controller', 'reference'}
 
 
 def rows(*runs: int) -> Any:
@@ -125,7 +126,7 @@ def rows(*runs: int) -> Any:
 
 @contextmanager
 def opened(path: Path, key: str = 'one', overwrite: bool = False) -> Iterator[Directory]:
-    with store.opened(path, {**ABOUT, 'key': key}, SCHEMA, overwrite) as directory:
+    with store.open_directory(path, {**ABOUT, 'key': key}, SCHEMA, overwrite) as directory:
         yield directory
 
 
@@ -151,7 +152,7 @@ def test_a_chunk_that_is_damaged_is_computed_again(tmp_path: Path) -> None:
         changed[place] ^= 1
         path.write_bytes(changed)
         assert made.rows(range(500), lines.append) is None
-        assert lines.pop().startswith(f'{path}: damaged, ')
+        assert lines.pop().startswith(f'{path}: the file is damaged (')
     path.write_bytes(content[:-9])
     assert made.rows(range(500), lines.append) is None
     path.write_bytes(content)

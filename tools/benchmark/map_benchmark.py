@@ -40,7 +40,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory
-from ctc_chattering.runs.points import row_of
+from ctc_chattering.runs.run_lists import result_row
 from ctc_chattering.runs.score import score
 from ctc_chattering.runs.spec import Failure
 from ctc_chattering.simulation.closed_loop import Run
@@ -139,7 +139,7 @@ def contestants(case: Case) -> dict[str, Contestant]:
         return float(simulate(setup).run.t[-1])
 
     def row() -> float:
-        row_of(score(setup, WINDOW), len(setup.plant.joint_names), Failure())
+        result_row(score(setup, WINDOW), len(setup.plant.joint_names), Failure())
         return DURATION
 
     found = {COLUMNS[0]: Contestant(partial(by, setup)),

@@ -24,8 +24,8 @@ from typing import Any
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.errors import CtcError
-from ctc_chattering.runs.points import draws, unit_draws
 from ctc_chattering.runs.recommended import recommended_setup
+from ctc_chattering.runs.run_lists import draw_quantities, draw_unit_cube
 from ctc_chattering.runs.spec import read_uncertain, Repeats, Uncertain
 from map_specs import ON_TRACK, runs
 import numpy as np
@@ -46,7 +46,7 @@ def test_the_order_is_point_law_repeat() -> None:
             'run': run, 'point': run // 4, 'repeat': repeat, 'seed': 7 + repeat,
             'variant': variant, 'law': law, 'switching': switching, 'friction': friction,
             'rate': rate, 'model': found.draws[repeat, 0]}
-        assert found.place(run) == ((run // 8, run // 4 % 2), run // 2 % 2, run % 2)
+        assert found.index(run) == ((run // 8, run // 4 % 2), run // 2 % 2, run % 2)
 
 
 @pytest.mark.parametrize('run', [0, 6, 23])
@@ -125,7 +125,7 @@ def uncertain(**distribution: Any) -> Uncertain:
 
 
 def drawn(x: Uncertain, method: str = 'sobol', n: int = 1024) -> Any:
-    return draws([x], Repeats(method, n, 3))[:, 0]
+    return draw_quantities([x], Repeats(method, n, 3))[:, 0]
 
 
 @pytest.mark.parametrize('method', ['random', 'latin_hypercube', 'sobol'])
@@ -147,14 +147,14 @@ def test_a_choice_is_balanced(method: str) -> None:
 def test_methods_are_what_they_are_called() -> None:
     """Check a stratum of each dimension for each draw, and the elementary intervals of Sobol."""
     for method in ('latin_hypercube', 'sobol'):
-        u = unit_draws(method, 16, 3, 0)
+        u = draw_unit_cube(method, 16, 3, 0)
         assert (np.sort((16 * u).astype(int), axis=0) == np.arange(16)[:, np.newaxis]).all()
-    u = unit_draws('sobol', 16, 2, 0)
+    u = draw_unit_cube('sobol', 16, 2, 0)
     assert len({(int(4 * x), int(4 * y)) for x, y in u}) == 16
 
 
 @pytest.mark.parametrize('method', ['random', 'sobol'])
 def test_more_repeats_begin_with_the_same(method: str) -> None:
-    many, few = unit_draws(method, 37, 2, 5), unit_draws(method, 5, 2, 5)
+    many, few = draw_unit_cube(method, 37, 2, 5), draw_unit_cube(method, 5, 2, 5)
     assert many[:5].tobytes() == few.tobytes()
-    assert not np.array_equal(unit_draws(method, 5, 2, 6), few)
+    assert not np.array_equal(draw_unit_cube(method, 5, 2, 6), few)
