@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 from bags import chunk, efforts, state
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, DIAGNOSTICS, JOINT_STATES, REFERENCE
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from processes import descendants, Probe, wait_for
+from processes import CONFIG, descendants, Probe, wait_for
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -192,11 +192,17 @@ def nodes_of(pid: int) -> dict[str, int]:
             if mark in line}
 
 
+def endless(bag: Path) -> tuple[str, ...]:
+    """Return arguments of a bringup that records until it is stopped, 100 samples a second."""
+    return ('--params-file', str(CONFIG / 'friction.yaml'), '--duration', '0',
+            '--record', str(bag), '--ros-args', '-p', 'control_period:=0.01')
+
+
 def running(process: subprocess.Popen[str], bag: Path) -> dict[str, int]:
     """Wait until the nodes of a bringup run, and its recorder has samples; return their pids."""
     wait_for(lambda: len(nodes_of(process.pid)) == 4, 'the nodes')
     # Some samples: the recorder has been heard by all, and hears all.
-    wait_for(lambda: sum(x.stat().st_size for x in bag.glob('*.mcap')) > 50_000, 'samples')
+    wait_for(lambda: sum(x.stat().st_size for x in bag.glob('*.mcap')) > 20_000, 'samples')
     return nodes_of(process.pid)
 
 
