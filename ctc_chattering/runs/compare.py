@@ -36,7 +36,7 @@ from ctc_chattering.errors import CtcError, ParameterError, suggest
 from ctc_chattering.output_files import check_format, finite
 from ctc_chattering.parameters import check_not_empty, checked_integer
 from ctc_chattering.runs.conditions import Case, held_out_cases, named_cases, read_cases, SEED
-from ctc_chattering.runs.map import computed
+from ctc_chattering.runs.map import complete_table
 from ctc_chattering.runs.recommended import (
     BASELINE,
     BEST,
@@ -219,7 +219,7 @@ def compare(files: ComparisonSpec | Sequence[str | Path], *, out: str | Path | N
     jobs = checked_integer('jobs', jobs, 1)
     runs = ComparisonRuns(spec.runs())
     path = Path(out) if out else None
-    with computed(runs, path, jobs, None, overwrite, show, progress) as result:
+    with complete_table(runs, path, jobs, None, overwrite, show, progress) as result:
         rows = result.table.to_pandas()
         if path:
             from ctc_chattering.runs.compare_page import write_comparison  # Takes time.
