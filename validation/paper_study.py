@@ -27,8 +27,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory
-from ctc_chattering.runs.compare import merge_overrides
-from ctc_chattering.runs.conditions import find_condition
+from ctc_chattering.runs.conditions import find_condition, merge_overrides
 from ctc_chattering.runs.recommended import gains_by_rule
 from ctc_chattering.runs.score import PER_JOINT, Score, score
 from independent_laws import Array, Gains, Known, Sliding

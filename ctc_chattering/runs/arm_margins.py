@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Rotors and masses with which the sampled loop of an arm is stable, as tables and for new gains.
+Rotors and masses with which an arm is stable.
 
 `ctc stability` and `ctc new-robot` print them. `margins/inertia_margins.py` computes them.
 """
@@ -41,7 +41,11 @@ import numpy as np
 
 
 def arm_margins(setup: Setup) -> ArmMargins | None:
-    """Return the margins of a described arm; None of another, or if its joints differ in gains."""
+    """
+    Return the margins of a described arm.
+
+    They are None for another robot, and for joints that differ in gains.
+    """
     model = model_of(setup.controller, setup.descriptions.get('controller', ''))
     if not isinstance(model, UrdfModel):
         return None
@@ -54,7 +58,7 @@ def arm_margins(setup: Setup) -> ArmMargins | None:
 
 
 def arm_rows(margins: ArmMargins) -> Iterator[tuple[str, str]]:
-    """Yield the margins as rows of a table, rounded inwards."""
+    """Yield the margins as rows, rounded inwards."""
     if margins.rotors:
         yield 'rotors / rotors of the model', range_text(margins.rotors)
     if margins.lacking is not None:
@@ -73,7 +77,7 @@ def arm_lines(margins: ArmMargins) -> Iterator[str]:
 
 def with_stable_gains(robot: NewRobot) -> NewRobot:
     """
-    Return a robot with a pole that is low enough for the range of its assumed rotors.
+    Return a robot with gains that suit its assumed rotors.
 
     Rotors assumed to be 0.002 kg·m² per N·m may be 0.001 to 0.006. Without assumed rotors, or
     where less bandwidth does not help, nothing changes.
@@ -96,6 +100,6 @@ def with_stable_gains(robot: NewRobot) -> NewRobot:
 
 
 def _covers_assumed_rotors(rotors: StableRange | None) -> bool:
-    """Return whether all rotors that may be, over the assumed ones, are within a range."""
+    """Return whether a range has all possible rotors."""
     return (rotors is not None and rotors.low <= LEAST_ROTOR / ASSUMED_ROTOR
             and rotors.high >= MOST_ROTOR / ASSUMED_ROTOR)

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-All laws on any robot and plant, under conditions, with gains of the file or by rule.
+Comparison of all laws on any robot, under conditions.
 
 `ctc compare` calls `compare`. A `ComparisonSpec` lists the runs, `run_lists` and `store` make
 their rows, and `compare_page` writes tables and page.
@@ -29,13 +29,20 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.loop_setup import Overrides, Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.laws.registry import LAWS, switchings_of
 from ctc_chattering.errors import CtcError, ParameterError, suggest
 from ctc_chattering.output_files import check_format, finite
 from ctc_chattering.parameters import check_not_empty, checked_integer
-from ctc_chattering.runs.conditions import Case, held_out_cases, named_cases, read_cases, SEED
+from ctc_chattering.runs.conditions import (
+    Case,
+    held_out_cases,
+    merge_overrides,
+    named_cases,
+    read_cases,
+    SEED,
+)
 from ctc_chattering.runs.map import complete_table
 from ctc_chattering.runs.recommended import (
     BASELINE,
@@ -62,8 +69,8 @@ class ComparisonSpec:
     laws : sequence of str
         Laws to run, each under every switching that it has.
     conditions : sequence of str
-        Drives, sensors and model error in place of those of the files; ``all`` for each that the
-        robot can have, '' for the robot as it is in the file.
+        Names of conditions in place of those of the files. ``all`` stands for each that the robot
+        can have, '' for the robot of the file.
     gains : {'file', 'recommended'}
         Gains of the file, or of each law by its rule in what the controller knows.
     held_out : int
@@ -89,7 +96,7 @@ class ComparisonSpec:
     cases: str | Path = ''
 
     def __post_init__(self) -> None:
-        """Check all that can be checked without reading a file."""
+        """Check all values that need no file."""
         for name in self.laws:
             if name not in LAWS:
                 raise ParameterError('laws', name, ' | '.join(LAWS) + suggest(name, LAWS))
@@ -101,23 +108,24 @@ class ComparisonSpec:
 
     @property
     def law_settings(self) -> list[LawSettings]:
-        """Rows of a table: `BASELINE`, all laws and switchings, and `BEST`."""
+        """Laws of a table: `BASELINE`, the chosen ones, `BEST`."""
         chosen = [LawSettings(law, switching, self.gains) for law in LAWS if law in self.laws
                   for switching in switchings_of(law) or ('',)]
         best = [BEST] if BEST.law in self.laws else []
         return list(dict.fromkeys([BASELINE, *chosen, *best]))
 
     def runs(self) -> Iterator[ListedRun]:
-        """Yield the runs of every law on every robot in every case."""
+        """Yield the runs of all laws, robots and cases."""
         for file in self.files:
             path = find_config(file) if isinstance(file, str) else file
-            for _, parts in groupby(self.robot_cases(parameter_file.load(path)), _case_title):
-                condition = list(parts)
+            cases = self.robot_cases(parameter_file.load(path))
+            for _, group in groupby(cases, key=lambda case: case.title):
+                condition = list(group)
                 for law in self.law_settings:
                     yield from _condition_runs(path, condition, law)
 
     def robot_cases(self, setup: Setup) -> list[Case]:
-        """Return all cases of the robot of a parameter file."""
+        """Return all cases of a parameter file's robot."""
         listed = read_cases(find_config(str(self.cases), folder='cases')) if str(
             self.cases) else ()
         names = self.conditions or ([] if listed else [''])
@@ -125,14 +133,10 @@ class ComparisonSpec:
                 *held_out_cases(setup, self.held_out, self.seed)]
 
 
-def _case_title(case: Case) -> str:
-    return case.title
-
-
 def _condition_runs(path: Path, condition: Sequence[Case], law: LawSettings
                     ) -> Iterator[ListedRun]:
     """
-    Yield the runs of a law in the cases of one condition.
+    Yield the runs of a law under one condition.
 
     Gains by rule are those of the first case. `part` tells the cases, and the parameters of the
     controller are a column of JSON.
@@ -148,21 +152,20 @@ def _condition_runs(path: Path, condition: Sequence[Case], law: LawSettings
             raise ParameterError(f'{path}: duration', 0.0, 'a number > 0, for every run must end')
         yield ListedRun({
             'file': str(path), 'experiment': setup.plant.experiment, 'condition': case.title,
-            'held_out': int(case.is_held_out), **law.columns, 'part': case.part,
+            'held_out': int(case.is_held_out), **law.columns, 'part': case.run_name,
             'joints': json.dumps(setup.plant.joint_names),
             'controller': json.dumps(finite(overrides['controller']), sort_keys=True)}, setup)
-
-
-def merge_overrides(first: Overrides, second: Overrides) -> Overrides:
-    """Return overrides by node and parameter, those of `second` above those of `first`."""
-    return {node: {**first.get(node, {}), **second.get(node, {})} for node in {**first, **second}}
 
 
 class ComparisonRuns(RunList):
     """Runs of a comparison."""
 
     def row(self, run: int, runner: Runner = simulate_truth) -> dict[str, Any]:
-        """Return the row of a run. Raise `CtcError` if `BASELINE` has no numbers."""
+        """
+        Return the row of a run.
+
+        Raise `CtcError` if `BASELINE` has no numbers.
+        """
         row = super().row(run, runner)
         is_baseline = (row['law'], row['settings']) == (BASELINE.law, FILE)
         if row['failure'] and is_baseline and not row['held_out']:
@@ -180,13 +183,13 @@ def compare(files: ComparisonSpec | Sequence[str | Path], *, out: str | Path | N
     Parameters
     ----------
     files : sequence of str or Path, or ComparisonSpec
-        Parameter files, or names of those of the package; or all that is run.
+        Parameter files, or names of those of the package. A spec stands for all that is run.
     out : str or Path, optional
         Directory for ``compare.parquet``, a row a run, ``compare.json``, ``compare.md``,
         ``compare.csv``, ``figures``, ``index.html``, and ``parameters``, a file of every run. Runs
         of the same comparison that are there are not computed again.
     jobs : int
-        Processes; with more than 1 a script needs ``if __name__ == '__main__'``.
+        Processes. With more than 1 a script needs ``if __name__ == '__main__'``.
     overwrite : bool
         Replace the output of another comparison there.
     show : callable
@@ -210,8 +213,8 @@ def compare(files: ComparisonSpec | Sequence[str | Path], *, out: str | Path | N
     Raises
     ------
     CtcError
-        If an argument is not allowed, before anything is run; if the law to which all others
-        are compared has no numbers; or if another comparison is in the directory.
+        If an argument is not allowed, before anything is run. If the law to which all others
+        are compared has no numbers, or another comparison is in the directory.
 
     """
     spec = files if isinstance(files, ComparisonSpec) else ComparisonSpec(files, **choices)

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Tables, CSV, figures and page of a comparison, and a parameter file of every run.
+Tables, figures, page and parameter files of a comparison.
 
 `compare` calls `write_comparison` with the rows of its runs. `outcomes` sums up the runs of each
 law on a robot under a condition, and all tables and figures show these.
@@ -97,13 +97,13 @@ class Outcome:
 
 
 def outcomes(rows: pandas.DataFrame) -> list[Outcome]:
-    """Return the outcome of each law on each robot under each condition, of the rows of runs."""
+    """Return an outcome for each law, robot and condition."""
     groups = rows.groupby(['file', 'condition', *LAW_COLUMNS], sort=False)
     return [_outcome(runs) for _, runs in groups]
 
 
 def _outcome(runs: pandas.DataFrame) -> Outcome:
-    """Return the outcome of the runs of one law and condition."""
+    """Return the outcome of the runs of a law."""
     first = runs.iloc[0]
     joints = json.loads(first['joints'])
     failure = next(filter(None, runs['reason']), '')
@@ -122,14 +122,18 @@ def _outcome(runs: pandas.DataFrame) -> Outcome:
 
 
 def grouped(results: Sequence[Outcome]) -> list[list[Outcome]]:
-    """Return the outcomes of each robot and condition; all that are held out are one group."""
+    """
+    Return the outcomes of each robot and condition.
+
+    All that are held out are one group.
+    """
     return [list(group) for _, group in itertools.groupby(
         results, lambda x: (x.file, x.is_held_out or x.condition))]
 
 
 def tables(results: Sequence[Outcome]) -> Iterator[Table]:
     """
-    Yield tables for each robot, plant and condition: robustness, errors, changes of the torque.
+    Yield the tables of robustness, errors and torque.
 
     `least` is the smallest ratio of the errors of all joints to that of `BASELINE`. The first
     tables are there with held-out conditions only.
@@ -153,9 +157,9 @@ def tables(results: Sequence[Outcome]) -> Iterator[Table]:
 
 def _robustness_table(group: Sequence[Outcome]) -> Table:
     """
-    Return the table of held-out conditions, the law that survives most of them first.
+    Return the table of held-out conditions, best law first.
 
-    Medians are over all conditions; one that is lost counts as the worst.
+    Medians are over all conditions. One that is lost counts as the worst.
     """
     by_law: dict[LawSettings, list[Outcome]] = {}
     for outcome in group:
@@ -171,14 +175,17 @@ def _robustness_table(group: Sequence[Outcome]) -> Table:
 
 
 def _robustness_row(results: Sequence[Outcome], best: Sequence[Outcome]) -> list[str]:
-    """Return the row of a law; its torque variation is relative to that of the best law."""
+    """Return the row of a law beside the best one."""
     errors = [x.score.error for x in results]
-    ratios = [median(a / b for a, b in zip(x.score.variation, y.score.variation))
-              for x, y in zip(results, best) if not x.score.failure and not y.score.failure]
-    return [
-        *results[0].law.columns.values(), f'{len(errors) - errors.count(inf)} of {len(errors)}',
-        *(f'{x:.1e}' if x < inf else 'lost' for x in (max(errors), median(errors))),
-        f'{median(ratios):.2g}' if ratios else '']
+    survived = len(errors) - errors.count(inf)
+    texts = [f'{x:.1e}' if x < inf else 'lost' for x in (max(errors), median(errors))]
+    ratios = []
+    for x, y in zip(results, best):
+        if not x.score.failure and not y.score.failure:
+            joints = zip(x.score.variation, y.score.variation)
+            ratios.append(median(a / b for a, b in joints))
+    ratio = f'{median(ratios):.2g}' if ratios else ''
+    return [*results[0].law.columns.values(), f'{survived} of {len(errors)}', *texts, ratio]
 
 
 class Number(NamedTuple):
@@ -189,18 +196,18 @@ class Number(NamedTuple):
 
 
 def _error_cells(outcome: Outcome, base: Outcome) -> list[list[Number]]:
-    """Return the numbers of each cell of the first table; the smallest is the best."""
+    """Return the numbers in cells of the first table."""
     score = outcome.score
-    least = min(a / b if b else inf for a, b in zip(base.score.rms, score.rms))
-    ratio = f'{least:.2g}×' if least < 100.0 else f'{least:.0f}×'
+    errors = [Number(x, f'{x:.1e}') for x in score.rms]
+    gain = min(a / b if b else inf for a, b in zip(base.score.rms, score.rms))
+    text = f'{gain:.2g}×' if gain < 100.0 else f'{gain:.0f}×'
+    ratio = Number(-gain, '' if outcome.law == BASELINE else text)
     peak = max(score.peak)
-    return [*([Number(x, f'{x:.1e}')] for x in score.rms),
-            [Number(-least, '' if outcome.law == BASELINE else ratio)],
-            [Number(peak, f'{peak:.0f}')]]
+    return [[number] for number in (*errors, ratio, Number(peak, f'{peak:.0f}'))]
 
 
 def _torque_cells(outcome: Outcome, has_stops: bool) -> list[list[Number]]:
-    """Return the numbers of each cell of the second table."""
+    """Return the numbers in cells of the second table."""
     score = outcome.score
     columns = [(score.variation, '.0f'), (score.step, '.2g'), (score.rate, '.0f'),
                *([(score.slips, '.2g')] if has_stops else [])]
@@ -210,21 +217,21 @@ def _torque_cells(outcome: Outcome, has_stops: bool) -> list[list[Number]]:
 
 def _rows(group: Sequence[Outcome], cells: Callable[[Outcome], list[list[Number]]]
           ) -> list[list[str]]:
-    """Return the rows of a table, the smallest number of every column bold."""
+    """Return rows with the smallest numbers bold."""
     content = [[] if x.score.failure else cells(x) for x in group]
-    smallest = [[min(numbers).value for numbers in zip(*column)]
-                for column in zip(*filter(None, content))]
+    columns = list(zip(*filter(None, content)))
+    smallest = [[min(numbers).value for numbers in zip(*column)] for column in columns]
     rows = []
     for outcome, numbers in zip(group, content):
-        texts = [_cell(*pair) for pair in zip(numbers, smallest)] or ['diverged'] * len(smallest)
+        texts = list(map(_cell, numbers, smallest)) if numbers else ['diverged'] * len(columns)
         rows.append([*outcome.law.columns.values(), *texts])
     return rows
 
 
 def _cell(numbers: Sequence[Number], smallest: Sequence[float]) -> str:
-    """Return the text of a cell, with the smallest numbers of the column bold."""
-    return Markup(' / ').join(bold(text) if value == least and text else text
-                              for (value, text), least in zip(numbers, smallest))
+    """Return the text of a cell, smallest numbers bold."""
+    return Markup(' / ').join(bold(number.text) if number.value == best and number.text
+                              else number.text for number, best in zip(numbers, smallest))
 
 
 def to_markdown(results: Sequence[Outcome]) -> str:
@@ -234,7 +241,11 @@ def to_markdown(results: Sequence[Outcome]) -> str:
 
 
 def to_csv(results: Sequence[Outcome]) -> str:
-    """Return one line per law and joint, with a header; numbers in full, empty if it diverged."""
+    """
+    Return a line per law and joint, with a header.
+
+    Numbers are in full, and empty for a law that diverged.
+    """
     numbers = {'rms_error': 'rms', 'torque_variation_per_s': 'variation',
                'max_torque_step': 'step', 'max_torque_rate_per_s': 'rate', 'max_torque': 'peak',
                'slips_at_rest_per_s': 'slips'}
@@ -250,7 +261,7 @@ def to_csv(results: Sequence[Outcome]) -> str:
 
 
 def draw_compromises(results: Sequence[Outcome], title: str) -> Figure:
-    """Draw error against torque variation, means of the joints, a panel for each condition."""
+    """Draw error against torque variation for each condition."""
     laws = list(dict.fromkeys(x.law for x in results))
     looks = {}
     for law, style in zip(laws, law_styles([law.law for law in laws])):
@@ -270,7 +281,7 @@ def draw_compromises(results: Sequence[Outcome], title: str) -> Figure:
 
 
 def _mean(values: Sequence[float]) -> float:
-    """Return the geometric mean; inf without a number."""
+    """Return the geometric mean, or inf without a number."""
     return geometric_mean([max(x, 1e-300) for x in values]) if values else inf
 
 
@@ -317,7 +328,11 @@ def write_comparison(comparison: RunList, rows: pandas.DataFrame, out: Path,
 
 def write_page(results: Sequence[Outcome], files: Sequence[FigureFile], path: Path,
                command: str = '') -> None:
-    """Write the page. Raise `CtcError` if that cannot be done."""
+    """
+    Write the page.
+
+    Raise `CtcError` if that cannot be done.
+    """
     unfolded = len(grouped(results)) <= 16
     numbers = [page.Folded(table.title, [_with_short_names(table)], unfolded)
                for table in tables(results)]
@@ -331,7 +346,7 @@ def write_page(results: Sequence[Outcome], files: Sequence[FigureFile], path: Pa
 
 def _with_short_names(table: Table) -> Table:
     """
-    Return a table without title, with law, switching and settings in one column.
+    Return an untitled table with one column of names.
 
     That column stays where a table scrolls sideways.
     """
@@ -341,7 +356,7 @@ def _with_short_names(table: Table) -> Table:
 
 
 def write_parameters(comparison: RunList, directory: Path) -> None:
-    """Write a file for every run, as `ctc simulate` takes it."""
+    """Write a file of every run for `ctc simulate`."""
     used: set[str] = set()
     for columns, setup in comparison.listed:
         names = (columns['experiment'], columns['condition'],

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Conditions of a comparison: drives, sensors and model errors, on any robot.
+Conditions of a comparison, for any robot.
 
 `ctc compare` runs every law in the cases that this module makes. A `Condition` makes them for any
 robot, a file lists them, and `held_out_cases` draws them. A condition replaces the drives,
@@ -35,6 +35,7 @@ from ctc_chattering.configuration.node_parameters import LOOP
 from ctc_chattering.configuration.yaml_file import FileKind, mapping, read_yaml
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import ParameterError, suggest, UsageError
+from ctc_chattering.simulation.plant_config import PlantConfig
 import numpy as np
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ MIN_START_DURATION_S = 2.0
 @dataclasses.dataclass(frozen=True)
 class Case:
     """
-    Parameters of one run in place of those of a file, with a name.
+    Named overrides of a parameter file for one run.
 
     Attributes
     ----------
@@ -63,7 +64,7 @@ class Case:
         Parameters by node.
     group : str
         Heading of the table that has the case. It is empty outside a file of cases.
-    part : str
+    run_name : str
         Name that tells the runs of a condition which has several.
     is_held_out : bool
         Whether the case was drawn, after all laws and rules were chosen.
@@ -75,7 +76,7 @@ class Case:
     name: str
     overrides: Overrides = dataclasses.field(default_factory=dict)
     group: str = ''
-    part: str = ''
+    run_name: str = ''
     is_held_out: bool = False
     x: float | None = None
 
@@ -83,6 +84,16 @@ class Case:
     def title(self) -> str:
         """Group and name."""
         return f'{self.group}: {self.name}' if self.group else self.name
+
+
+#: Parameters of an ideal plant, for each joint or for all. A condition replaces each of them.
+_IDEAL_PLANT = {
+    'actuator_lag': 0.0, 'torque_rate_limit': inf, 'input_delay': 0, 'torque_resolution': 0.0,
+    'position_noise': 0.0, 'velocity_noise': 0.0, 'encoder_resolution': 0.0,
+    'velocity_sensor': 'exact', 'sample_loss': 0.0, 'sample_jitter': 0.0, 'late_samples': 0.0,
+    'payload': 0.0}
+#: Those of them that the controller knows.
+_KNOWN = ('actuator_lag', 'torque_rate_limit', 'input_delay')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,22 +105,12 @@ class Condition:
     ----------
     name : str
         For the command line and headings.
-    lag : float
-        Time constant of the drives [s].
+    plant : mapping
+        Parameters of the plant. A number stands for each joint.
     rate_limited : bool
         Whether the drives have the rate limit of `torque_rates`.
-    delay : int
-        Input delay, in samples.
-    resolution : float
-        Of the encoders [rad or m]; the velocity is then the difference of positions. 0 for none.
-    cutoff : float
-        Of a low-pass behind this difference [rad/s]; 0 for none.
-    noise : float
-        Standard deviation of the noise on the velocity [rad/s or m/s].
-    payload : float
-        Mass at the end of the arm that the controller's model lacks [kg].
     factors : tuple of float
-        Of M, C and G in the controller's model, a run for each.
+        Factors of M, C and G in the controller's model, a run for each.
     friction_error : float
         Relative error of the friction that the controller is given. It is positive on every other
         joint and negative on the others, and changes its sign from run to run.
@@ -120,25 +121,20 @@ class Condition:
     """
 
     name: str
-    lag: float = 0.0
+    plant: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     rate_limited: bool = False
-    delay: int = 0
-    resolution: float = 0.0
-    cutoff: float = 0.0
-    noise: float = 0.0
-    payload: float = 0.0
     factors: tuple[float, ...] = (1.0,)
     friction_error: float = 0.0
     stops: bool = False
 
     def fits(self, setup: Setup) -> bool:
-        """Return whether the robot of a parameter file can have the condition."""
-        has_payload = setup.plant.described or not self.payload
+        """Return whether a robot can have the condition."""
+        has_payload = setup.plant.described or 'payload' not in self.plant
         return has_payload and not (self.stops and setup.route is not None)
 
     def cases(self, setup: Setup) -> list[Case]:
         """
-        Return the runs of the condition on the robot of a parameter file.
+        Return the condition's cases for a parameter file.
 
         Raises
         ------
@@ -149,74 +145,59 @@ class Condition:
         if not self.fits(setup):
             needed = 'a motion without waypoints' if self.stops else 'a robot in a URDF'
             raise UsageError(f'condition {self.name} needs {needed}')
-        drives = self._drives(setup)
+        friction = setup.plant.coulomb_friction
+        n = len(friction)
+        plant = {name: [x] * n if PlantConfig.parameters()[name].shape else x
+                 for name, x in {**_IDEAL_PLANT, **self.plant}.items()}
         reference: dict[str, Any] = {
             'start_duration': max(setup.reference.start_duration, MIN_START_DURATION_S)}
+        if self.rate_limited:
+            plant['torque_rate_limit'] = list(torque_rates(setup))
         if self.stops:
+            plant['stribeck_friction'] = [0.5 * x for x in friction]
+            plant['stribeck_velocity'] = [0.01] * n  # [rad/s]
             reference['profile'] = 'trapezoid'
-        common: dict[str, Mapping[str, Any]] = {
-            'plant': drives | self._sensors(setup) | self._load(setup), 'reference': reference,
-            'bringup': {'events': ['']}}
-        return [Case(
-            self.name, common | {'controller': drives | self._assumptions(setup, run)},
-            part=f'model_{factor:g}' if len(self.factors) > 1 else '')
-            for run, factor in enumerate(self.factors)]
-
-    def _drives(self, setup: Setup) -> dict[str, Any]:
-        """Return the parameters of the drives, which the controller knows."""
-        n = len(setup.plant.joint_names)
-        rates = torque_rates(setup) if self.rate_limited else (inf,) * n
-        return {'actuator_lag': [self.lag] * n, 'input_delay': self.delay,
-                'torque_rate_limit': list(rates)}
-
-    def _sensors(self, setup: Setup) -> dict[str, Any]:
-        """Return the parameters of sensors and network."""
-        n = len(setup.plant.joint_names)
-        values = {
-            'torque_resolution': [0.0] * n, 'position_noise': [0.0] * n,
-            'velocity_noise': [self.noise] * n, 'encoder_resolution': [self.resolution] * n,
-            'velocity_sensor': 'difference' if self.resolution else 'exact',
-            'sample_loss': 0.0, 'sample_jitter': 0.0, 'late_samples': 0.0}
-        if self.cutoff:
-            values |= {'velocity_sensor': 'filtered', 'velocity_cutoff': self.cutoff}
-        return values
-
-    def _load(self, setup: Setup) -> dict[str, Any]:
-        """Return payload and friction at rest of the plant."""
-        values: dict[str, Any] = {'payload': self.payload}
-        if self.stops:
-            friction = setup.plant.coulomb_friction
-            values['stribeck_friction'] = [0.5 * x for x in friction]
-            values['stribeck_velocity'] = [0.01] * len(friction)  # [rad/s]
-        return values
-
-    def _assumptions(self, setup: Setup, run: int) -> dict[str, Any]:
-        """Return model error, friction and error limit of the controller in a run."""
-        factor = self.factors[run]
-        friction = [x * (1.0 + self.friction_error * (1.0 - 2.0 * ((joint + run) % 2)))
-                    for joint, x in enumerate(setup.plant.coulomb_friction)]
-        return {'error_limit': [min(x, 3.0) for x in setup.controller.error_limit],  # [rad or m]
-                'inertia_scale': factor, 'gravity_scale': factor, 'friction_level': friction}
+        controller = {name: plant[name] for name in _KNOWN} | {
+            'error_limit': [min(x, 3.0) for x in setup.controller.error_limit]}  # [rad or m]
+        cases = []
+        for run, factor in enumerate(self.factors):
+            errors = [self.friction_error * (1.0 - 2.0 * ((joint + run) % 2))
+                      for joint in range(n)]
+            model = {'inertia_scale': factor, 'gravity_scale': factor,
+                     'friction_level': [x * (1.0 + error) for x, error in zip(friction, errors)]}
+            cases.append(Case(
+                self.name, {'plant': plant, 'reference': reference, 'bringup': {'events': ['']},
+                            'controller': controller | model},
+                run_name=f'model_{factor:g}' if len(self.factors) > 1 else ''))
+        return cases
 
 
-_REAL_ARM = Condition('real_arm', lag=2e-3, rate_limited=True, delay=1, resolution=1e-5,
+_LAG = {'actuator_lag': 2e-3}
+_DELAY = {'input_delay': 1}
+_ENCODER = {'encoder_resolution': 1e-5, 'velocity_sensor': 'difference'}
+_REAL_ARM = Condition('real_arm', {**_LAG, **_DELAY, **_ENCODER}, rate_limited=True,
                       factors=(0.9, 1.1), friction_error=0.1)
 #: All conditions by name, as docs/comparison.md describes them.
 CONDITIONS = {condition.name: condition for condition in (
     Condition('clean'),
-    Condition('lag', lag=2e-3),
-    Condition('encoder', resolution=1e-5),
-    Condition('noise', noise=5e-3),
-    Condition('delay', delay=1),
-    Condition('payload', payload=1.0),
+    Condition('lag', _LAG),
+    Condition('encoder', _ENCODER),
+    Condition('noise', {'velocity_noise': 5e-3}),
+    Condition('delay', _DELAY),
+    Condition('payload', {'payload': 1.0}),
     Condition('model_error', factors=(0.9, 1.1)),
     _REAL_ARM,
-    dataclasses.replace(_REAL_ARM, name='real_arm_filtered', cutoff=500.0),
+    dataclasses.replace(_REAL_ARM, name='real_arm_filtered', plant={
+        **_REAL_ARM.plant, 'velocity_sensor': 'filtered', 'velocity_cutoff': 500.0}),
     dataclasses.replace(_REAL_ARM, name='stops', stops=True))}
 
 
 def find_condition(name: str) -> Condition:
-    """Return the condition of this name. Raise `UsageError` without one."""
+    """
+    Return the condition of this name.
+
+    Raise `UsageError` if there is none.
+    """
     if name not in CONDITIONS:
         raise UsageError(f'no condition is called {name}; allowed: '
                          f'{", ".join((*CONDITIONS, ALL))}{suggest(name, CONDITIONS)}')
@@ -224,7 +205,11 @@ def find_condition(name: str) -> Condition:
 
 
 def named_cases(names: Sequence[str], setup: Setup) -> list[Case]:
-    """Return the cases of named conditions. `ALL` is each that fits, '' the file as it is."""
+    """
+    Return the cases of named conditions.
+
+    `ALL` is each that fits the robot, '' the file as it is.
+    """
     conditions = [find_condition(name) for name in names if name not in ('', ALL)]
     if ALL in names:
         conditions = [x for x in CONDITIONS.values() if x.fits(setup)]
@@ -247,8 +232,8 @@ def read_cases(path: Path) -> tuple[Case, ...]:
     tree = mapping(f'{path}: spec', read_yaml(path, FileKind.CONDITIONS), ('overrides', 'cases'))
     common = _overrides(f'{path}: overrides', tree.get('overrides', {}))
     return tuple(
-        Case(name, _above(common, _overrides(f'{path}: {group}: {name}', values, 'x')), group,
-             x=values.get('x'))
+        Case(name, merge_overrides(common, _overrides(f'{path}: {group}: {name}', values, 'x')),
+             group, x=values.get('x'))
         for group, cases in _section(f'{path}: cases', tree.get('cases')).items()
         for name, values in _section(f'{path}: {group}', cases).items())
 
@@ -258,22 +243,25 @@ _NODES = ('/**', *LOOP)
 
 
 def _section(name: str, value: Any) -> dict[Any, Any]:
-    """Return a mapping with any keys. Raise `ParameterError` for another value."""
+    """
+    Return a mapping with any keys.
+
+    Raise `ParameterError` for another value.
+    """
     if not isinstance(value, dict):
         raise ParameterError(name, value, 'a mapping')
     return value
 
 
 def _overrides(name: str, value: Any, *further_keys: str) -> Overrides:
-    """Return the parameters by node that a part of the file has."""
+    """Return the overrides in a part of the file."""
     values = mapping(name, value, (*_NODES, *further_keys))
     return {node: _section(f'{name}: {node}', values[node]) for node in _NODES if node in values}
 
 
-def _above(common: Overrides, own: Overrides) -> Overrides:
-    """Return overrides of a case above those that all cases have."""
-    return {node: {**common.get(node, {}), **own.get(node, {})} for node in _NODES
-            if node in common or node in own}
+def merge_overrides(first: Overrides, second: Overrides) -> Overrides:
+    """Return overrides, `second` above `first`."""
+    return {node: {**first.get(node, {}), **second.get(node, {})} for node in {**first, **second}}
 
 
 def torque_rates(setup: Setup) -> tuple[float, ...]:
@@ -293,13 +281,21 @@ def torque_rates(setup: Setup) -> tuple[float, ...]:
 
 
 def held_out_cases(setup: Setup, count: int, seed: int) -> Iterator[Case]:
-    """Yield the first draws of a seed for the robot of a parameter file, the nominal one."""
+    """
+    Yield the first draws of a seed.
+
+    The robot of the parameter file is the nominal one.
+    """
     for index in range(count):
         yield Case(f'held_out_{seed}_{index}', _draw(setup, seed, index), is_held_out=True)
 
 
 def _draw(setup: Setup, seed: int, index: int) -> Overrides:
-    """Return drawn parameters. The order of the draws is part of their meaning."""
+    """
+    Return drawn parameters.
+
+    The order of the draws is part of their meaning.
+    """
     rng = np.random.default_rng((seed, index))
     n = len(setup.plant.joint_names)
 

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Tasks computed by dask: by processes of this machine, or by a cluster that is there.
+Tasks in processes of this machine or a cluster.
 
 `workers` yields a client, and `run_on_workers` sends it tasks. With
 one process, `run_serially` computes them here.
@@ -41,7 +41,7 @@ R = TypeVar('R')
 
 
 def run_serially(function: Callable[..., R], tasks: Iterable[Any], *shared: Any) -> Iterator[R]:
-    """Return the results of `function` for `shared` and every task, in this process."""
+    """Return the results of every task in this process."""
     return map(partial(function, *shared), tasks)
 
 
@@ -97,7 +97,11 @@ def workers(jobs: int, address: str | None = None) -> Iterator[Client]:
 
 
 def _connect(address: str) -> Client:
-    """Return a client of the scheduler at an address. Raise `CtcError` without one."""
+    """
+    Return a client of the scheduler at an address.
+
+    Raise `CtcError` if none answers.
+    """
     from distributed import Client
     from distributed.comm.addressing import parse_address, parse_host_port
     try:
@@ -125,7 +129,11 @@ def _without_interrupts() -> Iterator[None]:
 
 
 def threads(client: Client, say: Callable[[str], None]) -> int:
-    """Return the number of threads that compute; with none, `say` a line and wait for one."""
+    """
+    Return the number of threads that compute.
+
+    With none, `say` a line and wait for one.
+    """
     if not client.nthreads():
         say(f'waiting for workers at {client.scheduler.address}')
         client.wait_for_workers(1)
@@ -135,7 +143,7 @@ def threads(client: Client, say: Callable[[str], None]) -> int:
 def run_on_workers(client: Client, function: Callable[..., R], tasks: Iterable[Any], *shared: Any
                    ) -> Iterator[R]:
     """
-    Yield the results of `function` for every task, in their order.
+    Yield the results of every task in order.
 
     The task of a worker that is killed goes to another, or waits for one.
 

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Laws of a set of runs, and their recommended gains.
+Laws of runs, and their recommended gains.
 
 `ctc compare`, `tune` and `map` name each law, switching and source of gains by `LawSettings`. The
 rules of the gains are in `control/recommended_gains.py`. `known_loop` hands them what a controller
@@ -52,7 +52,7 @@ GAIN_SOURCES = (FILE, RECOMMENDED)
 @dataclasses.dataclass(frozen=True)
 class LawSettings:
     """
-    A law with its switching and gains, under which runs are made.
+    A law with its switching and gains.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class LawSettings:
 
     @property
     def is_recommended(self) -> bool:
-        """Whether the gains are those of the law's rule."""
+        """Use of the gains by the law's rule."""
         return self.gain_source == RECOMMENDED
 
     @property
@@ -85,7 +85,7 @@ class LawSettings:
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """Parameters of the controller, with those that choose the law."""
+        """Parameters of the controller, law and switching included."""
         switching = {'switching': self.switching} if self.switching else {}
         return {'law': self.law, **switching, **self.values}
 
@@ -96,41 +96,44 @@ BASELINE = LawSettings(BASELINE_LAW)
 BEST = LawSettings(RECOMMENDED_LAW, '', RECOMMENDED)
 
 
-def desired_points(setup: Setup, duration: float, count: int
-                   ) -> Iterator[tuple[list[float], list[float], list[float]]]:
-    """Yield q_d, dq_d and ddq_d of the controller's joints at instants of a duration [s]."""
+def desired_points(setup: Setup, duration: float, count: int) -> Iterator[list[list[float]]]:
+    """Yield q_d, dq_d and ddq_d at instants of the motion."""
     plant, reference = setup.plant, setup.reference
-    start = dict(zip(plant.joint_names, zip(plant.initial_position, plant.initial_velocity)))
+    states = zip(plant.initial_position, plant.initial_velocity)
+    start = dict(zip(plant.joint_names, states))
     motion = make_motion(reference, setup.route, start, continuous=setup.continuous)
     order = [reference.joint_names.index(name) for name in setup.controller.joint_names]
     for t in np.linspace(0.0, 1e9 * duration, count).astype(int).tolist():
-        q, dq, ddq = ([row[i] for i in order] for row in motion.at(t))
-        yield q, dq, ddq
+        yield [[row[i] for i in order] for row in motion.at(t)]
 
 
 def largest_torque(setup: Setup) -> Array:
-    """Return the largest torque that the model takes in the motion, shape (n,) [N·m]."""
+    """Return the model's largest torque in the motion [N·m]."""
     model = model_of(setup.controller, setup.descriptions.get('controller', ''))
-    torques = [model.inverse_dynamics(q, dq, ddq)
-               for q, dq, ddq in desired_points(setup, setup.plant.duration, 500)]
+    points = desired_points(setup, setup.plant.duration, 500)
+    torques = [model.inverse_dynamics(*point) for point in points]
     largest: Array = np.abs(torques).max(axis=0)
     return largest
 
 
 def known_loop(setup: Setup) -> KnownLoop:
-    """Return what the controller is configured with, and the sensors and motion of its robot."""
+    """Return the knowledge that rules of gains may use."""
     resolution = max(*setup.plant.encoder_resolution, *setup.plant.position_noise)
     return KnownLoop(setup.controller, partial(largest_torque, setup), resolution)
 
 
 def gains_by_rule(setup: Setup, law: str = '') -> dict[str, Any]:
-    """Return the gains of a law by its rule, as parameters. The default is the law in force."""
+    """
+    Return the gains of a law by its rule.
+
+    The default is the law in force.
+    """
     return recommended_gains(law or setup.controller.law, known_loop(setup))
 
 
 def recommended_setup(setup: Setup, law: str) -> Setup:
     """
-    Return a setup with a law and its gains by the rule, for a controller that knows its drives.
+    Return a setup with a law and recommended gains.
 
     Knowledge of drives and friction is taken from the plant.
     """

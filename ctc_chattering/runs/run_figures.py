@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Parts of the figures of many runs: looks of laws, panels, error over torque variation.
+Parts of the figures of many runs.
 
 `compare_page`, `map_figures` and `tune_page` draw with them.
 """
@@ -36,7 +36,11 @@ Mark = tuple[float, float, dict[str, Any]]
 
 
 def law_styles(laws: Sequence[str]) -> list[dict[str, Any]]:
-    """Return colour, marker and dashes of laws, which are also distinct without colour."""
+    """
+    Return colour, marker and dashes of laws.
+
+    They are also distinct without colour.
+    """
     colours = shaded([LAW_COLOURS.get(law, MIXED) for law in laws])
     dashes: list[Any] = ['-', (0, (5, 1.5)), (0, (2.5, 1.2)), '-.', (0, (1, 1))]
     return [{'color': colour, 'marker': marker, 'linestyle': dash}
@@ -45,16 +49,23 @@ def law_styles(laws: Sequence[str]) -> list[dict[str, Any]]:
 
 def draw_panels(title: str, names: Sequence[str], ylabel: str, height: float, **options: Any
                 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure and its panels, one for each name; the first of a row has a label."""
+    """
+    Return a figure with a panel for each name.
+
+    The first panel of a row has the label.
+    """
     columns = drawing.column_count(len(names))
     figure, grid = drawing.sheet(title, -(-len(names) // columns), (1.0,) * columns, height,
                                  **options)
-    return figure, [drawing.panel(figure, grid[k // columns, k % columns], name,
-                                  '' if k % columns else ylabel) for k, name in enumerate(names)]
+    axes = []
+    for k, name in enumerate(names):
+        row, column = divmod(k, columns)
+        axes.append(drawing.panel(figure, grid[row, column], name, '' if column else ylabel))
+    return figure, axes
 
 
 def scale_log_axis(ax: Axes, axis: str, values: Iterable[float]) -> None:
-    """Make an axis logarithmic, around the positive values, with plain numbers as ticks."""
+    """Make an axis logarithmic, with plain numbers as ticks."""
     positive = [x for x in values if 0.0 < x < np.inf] or [1.0]
     low, high = min(positive) / 1.4, max(positive) * 1.4
     ax.set(**{f'{axis}scale': 'log', f'{axis}lim': (low, high)})
@@ -67,12 +78,20 @@ def scale_log_axis(ax: Axes, axis: str, values: Iterable[float]) -> None:
 
 def draw_trade_off(ax: Axes, marks: Sequence[Mark], infinite_label: str,
                    further: Iterable[tuple[float, float]] = ()) -> None:
-    """Draw marks, infinite ones in a labelled row at the top; fit the axes to `further` also."""
-    finite = [mark for mark in marks if np.isfinite(mark[:2]).all()]
-    for x, y, look in finite:
-        ax.plot([x], [y], **look)
-    drawing.beyond(ax, infinite_label,
-                   [look for x, y, look in marks if not np.isfinite((x, y)).all()])
+    """
+    Draw marks of error over torque variation.
+
+    Infinite ones are in a labelled row at the top. The axes also fit `further` points.
+    """
+    points = list(further)
+    infinite = []
+    for x, y, look in marks:
+        if np.isfinite((x, y)).all():
+            ax.plot([x], [y], **look)
+            points.append((x, y))
+        else:
+            infinite.append(look)
+    drawing.beyond(ax, infinite_label, infinite)
     ax.set(xlabel='torque variation [N·m/s]')
-    for axis, values in zip('xy', zip(*(mark[:2] for mark in finite), *further)):
+    for axis, values in zip('xy', zip(*points)):
         scale_log_axis(ax, axis, values)

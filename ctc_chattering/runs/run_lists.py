@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Runs of a table, each with a number: their columns, setups and rows, and which are next.
+Numbered runs of a table: columns, setups, rows and order.
 
 `ctc compare` lists its runs in a `RunList`. `ctc map` and `tune` number theirs by `MapRuns`: point
 of the grid, law and draw. `store` computes rows of either in chunks.
@@ -75,7 +75,7 @@ def draw_quantities(uncertain: Sequence[Uncertain], repeats: Repeats) -> Array:
 
 
 def draw_unit_cube(method: str, n: int, m: int, seed: int) -> Array:
-    """Return draws from the unit cube of m dimensions, shape (n, m)."""
+    """Return draws from the unit cube, shape (n, m)."""
     rng = np.random.default_rng(seed)
     if method == 'random' or m == 0:
         return rng.random((n, m))
@@ -92,7 +92,7 @@ def draw_unit_cube(method: str, n: int, m: int, seed: int) -> Array:
 
 
 def quantile(quantity: Uncertain, u: Array) -> Array:
-    """Return the quantiles of a quantity at probabilities `u`, shape (n,)."""
+    """Return quantiles at the probabilities `u`, shape (n,)."""
     values = np.array(quantity.numbers)
     if quantity.distribution == 'uniform':
         return np.asarray(values[0] + (values[1] - values[0]) * u)
@@ -106,7 +106,7 @@ def quantile(quantity: Uncertain, u: Array) -> Array:
 
 
 class ListedRun(NamedTuple):
-    """A run with the columns that tell it, `held_out` among them."""
+    """A run with its columns, `held_out` among them."""
 
     columns: dict[str, Any]
     setup: Setup
@@ -161,11 +161,19 @@ class RunList:
         return {'run': run, **self.listed[run].columns}
 
     def setup(self, run: int) -> Setup:
-        """Return the setup of a run. Raise `CtcError` if it is not allowed."""
+        """
+        Return the setup of a run.
+
+        Raise `CtcError` if it is not allowed.
+        """
         return self.listed[run].setup
 
     def examples(self) -> Iterator[Setup]:
-        """Yield setups that need the machine code of all runs: those not held out."""
+        """
+        Yield setups that need the code of all runs.
+
+        They are those not held out.
+        """
         return (setup for columns, setup in self.listed if not columns['held_out'])
 
     @property
@@ -175,14 +183,16 @@ class RunList:
 
     @property
     def types(self) -> dict[str, tuple[str, str]]:
-        """Name, type and unit of the table's columns, in order."""
+        """Names of the columns with types and units."""
         columns = {name: (COLUMN_TYPES[type(x)], self.units.get(name, ''))
                    for name, x in self.columns(0).items()}
         return columns | result_columns(self.joint_count)
 
     def next_runs(self, table: Any) -> npt.NDArray[np.int64]:
         """
-        Return the next runs, ascending; none if all that count are there.
+        Return the next runs, ascending.
+
+        There are none once all that count are there.
 
         Parameters
         ----------
@@ -193,7 +203,11 @@ class RunList:
         return np.arange(0 if len(table) else len(self))
 
     def row(self, run: int, runner: Runner = simulate_truth) -> dict[str, Any]:
-        """Return the row of a run. Raise `MachineError` if the machine cannot run it."""
+        """
+        Return the row of a run.
+
+        Raise `MachineError` if the machine cannot run it.
+        """
         try:
             setup = self.setup(run)
         except MachineError:
@@ -207,7 +221,7 @@ class RunList:
 
 
 class GridIndex(NamedTuple):
-    """Indices of a run in its map: those of the axes, of the law, and of the draw."""
+    """Indices of a run: axes, law and draw."""
 
     axes: tuple[int, ...]
     law: int
@@ -290,12 +304,20 @@ class MapRuns(RunList):
         return set_quantities(law_setup, numbers, self._seed(index.repeat))
 
     def _seed(self, repeat: int) -> int:
-        """Return the seed of the noise; the same for all repeats if differences count."""
+        """
+        Return the seed of the noise.
+
+        It is the same for all repeats if their differences count.
+        """
         repeats = self.spec.repeats
         return repeats.seed + (0 if repeats.sampling == 'saltelli' else repeat)
 
     def examples(self) -> Iterator[Setup]:
-        """Yield a setup of every law: that of its first run, if it is allowed."""
+        """
+        Yield a setup of every law.
+
+        It is that of the first run, if that is allowed.
+        """
         for k, law in enumerate(self.spec.variants):
             try:
                 yield self.setup(k * self.shape[-1])
@@ -303,26 +325,30 @@ class MapRuns(RunList):
                 yield self.spec.setup.changed({'controller': law.parameters})
 
     def next_runs(self, table: Any) -> npt.NDArray[np.int64]:
-        """Return the next runs; without a coarse grid all at once."""
+        """
+        Return the next runs.
+
+        Without a coarse grid they are all runs.
+        """
         laws, repeats = self.shape[-2:]
         states = np.full((laws, *self.spec.shape), UNKNOWN, np.int8)
         cells, index = np.unique(np.asarray(table['run']) // repeats, return_inverse=True)
         failures = np.bincount(index, np.asarray(table['failure']) != '')
         point, law = np.divmod(cells, laws)
         states.reshape(laws, -1)[law, point] = np.where(2 * failures >= repeats, FAILS, PASSES)
-        first_runs = np.sort(np.concatenate([
-            (np.flatnonzero(next_points(state, self.spec.coarse)) * laws + k) * repeats
-            for k, state in enumerate(states)]))
+        next_cells = [np.flatnonzero(next_points(state, self.spec.coarse)) * laws + k
+                      for k, state in enumerate(states)]
+        first_runs = repeats * np.sort(np.concatenate(next_cells))
         runs: npt.NDArray[np.int64] = (first_runs[:, np.newaxis] + np.arange(repeats)).ravel()
         return runs
 
     def _numbers(self, index: GridIndex) -> list[tuple[Quantity, float]]:
-        """Return the numbers of all quantities of a run, in the order in which they are set."""
+        """Return the quantities of a run with their numbers."""
         axes = [(axis, axis.values[i]) for axis, i in zip(self.spec.axes, index.axes)]
         return [*axes, *zip(self.spec.uncertain, self.draws[index.repeat].tolist())]
 
     def _law_setup(self, law_index: int, known_values: tuple[float, ...]) -> Setup:
-        """Return the setup of a law at the values of the axes that the controller knows."""
+        """Return a law's setup at the values that it knows."""
         law = self.spec.variants[law_index]
         key = (law_index, known_values if law.is_recommended else ())
         if key not in self._law_setups:
@@ -334,7 +360,7 @@ class MapRuns(RunList):
 
     def _values_by_rule(self, law: LawSettings, known_values: tuple[float, ...]
                         ) -> dict[str, dict[str, Any]]:
-        """Return the values by a law's rule, but for those that such an axis sets."""
+        """Return a rule's values that no known axis sets."""
         axes = [axis for axis in self.spec.axes if axis.known_to_controller]
         set_by_axes = {(node, spec.name) for axis in axes for node, spec in axis.targets}
         by_rule = recommended_setup(
@@ -345,7 +371,7 @@ class MapRuns(RunList):
 
 
 def describe(setup: Setup) -> dict[str, Any]:
-    """Return all that a setup has from files, as JSON takes it."""
+    """Return the contents of a setup as JSON takes them."""
     return {'parameters': dict(setup.values), 'route': setup.route, 'descriptions': {
         node: hashlib.sha256(text.encode()).hexdigest()
         for node, text in setup.descriptions.items()}}
@@ -354,7 +380,9 @@ def describe(setup: Setup) -> dict[str, Any]:
 def result_row(result: Score, n: int, failure: Failure, failure_kind: str = 'diverged'
                ) -> dict[str, Any]:
     """
-    Return the columns of a run's results, `result_columns`; None where there is no number.
+    Return the results of a run as columns.
+
+    They are those of `result_columns`, with None where there is no number.
 
     Parameters
     ----------
@@ -373,18 +401,22 @@ def result_row(result: Score, n: int, failure: Failure, failure_kind: str = 'div
     if result.failure:
         return row
     for name, (column, _) in PER_JOINT.items():
-        row.update({f'{column}_{i}': x for i, x in enumerate(getattr(result, name), 1)})
-    row.update({column: getattr(result, name) for name, (column, _) in OVERALL.items()})
-    row.update(error=result.error, error_share=result.error_share,
-               variation=max(result.variation), saturated=result.saturated,
-               slips=max(result.slips))
+        for i, x in enumerate(getattr(result, name), 1):
+            row[f'{column}_{i}'] = x
+    for name, (column, _) in OVERALL.items():
+        row[column] = getattr(result, name)
+    row['error'] = result.error
+    row['error_share'] = result.error_share
+    row['variation'] = max(result.variation)
+    row['saturated'] = result.saturated
+    row['slips'] = max(result.slips)
     row['failure'], row['reason'] = _judge(row, failure)
     return {name: x if isinstance(x, str) or (x is not None and isfinite(x)) else None
             for name, x in row.items()}
 
 
 def _judge(row: Mapping[str, Any], failure: Failure) -> tuple[str, str]:
-    """Return kind and reason of a failure; empty for none."""
+    """Return kind and reason of a failure, or empty texts."""
     if row['error_share'] > failure.error_share_above:
         return 'error', (f'{100.0 * row["error_share"]:.3g} % of the amplitude of the motion > '
                          f'{100.0 * failure.error_share_above:g} %')
@@ -408,7 +440,9 @@ FAILS = 1
 
 def next_points(state: npt.NDArray[np.int8], coarse: tuple[int, ...]) -> Mask:
     """
-    Return which points of a grid to run next; none once the boundary is known.
+    Return the next points of a grid.
+
+    There are none once the boundary is known.
 
     Parameters
     ----------
@@ -422,14 +456,16 @@ def next_points(state: npt.NDArray[np.int8], coarse: tuple[int, ...]) -> Mask:
     unknown: Mask = state == UNKNOWN
     wanted[tuple(slice(None, None, step) for step in coarse)] = True
     while max(coarse, default=1) > 1 and not (wanted & unknown).any():
-        corners, halves = (tuple(slice(None, None, max(step // k, 1)) for step in coarse)
-                           for k in (1, 2))
-        firsts = product(*(range(0, n - (step > 1), step) for n, step in zip(state.shape, coarse)))
-        for first in firsts:
-            cell = tuple(slice(a, a + step + (step > 1)) for a, step in zip(first, coarse))
+        finer = tuple(max(step // 2, 1) for step in coarse)
+        corners = tuple(slice(None, None, step) for step in coarse)
+        halves = tuple(slice(None, None, step) for step in finer)
+        widths = [step + (step > 1) for step in coarse]  # Both sides belong to a cell.
+        firsts = [range(0, n - (step > 1), step) for n, step in zip(state.shape, coarse)]
+        for first in product(*firsts):
+            cell = tuple(slice(a, a + width) for a, width in zip(first, widths))
             states = state[cell]
             is_mixed = (states == PASSES).any() and (states == FAILS).any()
             if is_mixed and (states[corners] != UNKNOWN).all():
                 wanted[cell][halves] = True
-        coarse = tuple(max(step // 2, 1) for step in coarse)
+        coarse = finer
     return wanted & unknown

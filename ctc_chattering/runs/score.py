@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Numbers of one run, and the columns of tables with a row a run.
+Numbers of one run, and their columns in tables.
 
 `score` simulates a setup and evaluates it. `run_lists` makes the row of a table from its `Score`.
 """
@@ -38,15 +38,20 @@ import numpy as np
 COLUMN_TYPES = {int: 'int64', str: 'string', float: 'float64'}
 #: Columns and units of what each joint has, by its name in `Score`. `analysis.metrics` has the
 #: first five by the same names.
-PER_JOINT = {'rms': ('rms_error_rad', 'rad'), 'rms_torque': ('rms_torque_nm', 'N*m'),
-             'variation': ('torque_variation_nm_per_s', 'N*m/s'),
-             'step': ('max_torque_step_nm', 'N*m'), 'rate': ('max_torque_rate_nm_per_s', 'N*m/s'),
-             'peak': ('peak_torque_nm', 'N*m'),
-             'peak_rate': ('peak_torque_rate_nm_per_s', 'N*m/s'), 'slips': ('slips_per_s', '1/s')}
+PER_JOINT = {
+    'rms': ('rms_error_rad', 'rad'),
+    'rms_torque': ('rms_torque_nm', 'N*m'),
+    'variation': ('torque_variation_nm_per_s', 'N*m/s'),
+    'step': ('max_torque_step_nm', 'N*m'),
+    'rate': ('max_torque_rate_nm_per_s', 'N*m/s'),
+    'peak': ('peak_torque_nm', 'N*m'),
+    'peak_rate': ('peak_torque_rate_nm_per_s', 'N*m/s'),
+    'slips': ('slips_per_s', '1/s')}
 #: Columns of what there is once, with type and unit, by its name in `Score`.
-OVERALL = {'norm1': ('max_error_norm1_rad', ('float64', 'rad')),
-           'reaching_time': ('reaching_time_s', ('float64', 's')),
-           'missing': ('missing_samples', ('int64', ''))}
+OVERALL = {
+    'norm1': ('max_error_norm1_rad', ('float64', 'rad')),
+    'reaching_time': ('reaching_time_s', ('float64', 's')),
+    'missing': ('missing_samples', ('int64', ''))}
 #: Columns that tell a run of a map, before the axes and uncertain quantities.
 RUN_COLUMNS = ('run', 'point', 'repeat', 'seed', 'variant', 'law', 'switching')
 #: Runs a setup, and returns the result.
@@ -57,7 +62,9 @@ Joints = tuple[float, ...]
 
 class Score(NamedTuple):
     """
-    Numbers of a run, or the worst of several; those of each joint have the shape (n,).
+    Numbers of a run, or the worst of several.
+
+    Those of each joint have the shape (n,).
 
     Attributes
     ----------
@@ -82,9 +89,9 @@ class Score(NamedTuple):
     error_share : float
         Largest of the joints' `error_shares`.
     failure : str
-        Reason why there are no numbers; empty if there are.
+        Reason why there are no numbers. It is empty if there are.
     engine : str
-        `MACHINE_CODE` or `PLAIN_PYTHON`; empty where the run failed.
+        `MACHINE_CODE` or `PLAIN_PYTHON`. It is empty where the run failed.
 
     """
 
@@ -106,19 +113,19 @@ class Score(NamedTuple):
 
     @property
     def error(self) -> float:
-        """Return the largest RMS error of any joint [rad]; inf if it failed."""
+        """Largest RMS error of any joint [rad], inf if it failed."""
         return max(self.rms, default=inf)
 
 
 def simulate_truth(setup: Setup) -> Result:
-    """Simulate without ROS, and return the result with true states."""
+    """Simulate without ROS, with true states."""
     return simulate(setup, truth=True)
 
 
 def score(setup: Setup, window: tuple[float, float] = WINDOW, run: Runner = simulate_truth,
           across_gaps: bool = False) -> Score:
     """
-    Run a setup, and return its numbers or why it has none.
+    Run a setup, and return its numbers or failure.
 
     Parameters
     ----------
@@ -150,7 +157,11 @@ def score(setup: Setup, window: tuple[float, float] = WINDOW, run: Runner = simu
 
 
 def _evaluate(run: Run, setup: Setup, window: tuple[float, float], period: float | None) -> Score:
-    """Return the numbers of a run. Raise `CtcError` if it has no finite error."""
+    """
+    Return the numbers of a run.
+
+    Raise `CtcError` if it has no finite error.
+    """
     # With the samples of a joint one after the other in memory, all this takes half the time.
     by_joint: dict[str, Any] = {name: np.asfortranarray(getattr(run, name)) for name in (
         'dq', 'dq_d', 'ddq_d', 'tau', 'v')}
@@ -158,27 +169,36 @@ def _evaluate(run: Run, setup: Setup, window: tuple[float, float], period: float
     numbers = metrics(run, window, period=period)
     if numbers['rms_error_rad'] is None:
         raise CtcError(f'fewer than two samples from {window[0]:g} s to {window[1]:g} s')
-    values: dict[str, Any] = {name: tuple(numbers[column])
-                              for name, (column, _) in PER_JOINT.items() if column in numbers}
-    in_window = Score(**values, **{name: numbers[column]
-                                   for name, (column, _) in OVERALL.items()})
-    if not isfinite(in_window.error):
+    values: dict[str, Any] = {name: numbers[column] for name, (column, _) in OVERALL.items()}
+    for name, (column, _) in PER_JOINT.items():
+        if column in numbers:
+            values[name] = tuple(numbers[column])
+    if not isfinite(max(values['rms'])):
         raise CtcError('the error is not finite')
     tau = np.abs(run.tau)
-    rounding = 1.0 - 1e-9  # A torque this close to its limit is at it.
-    at_limit = tau[within(run.t, window)] >= rounding * np.array(torque_limits(setup))
-    step, dt = np.abs(np.diff(run.tau, axis=0)), np.diff(run.t)[:, np.newaxis]
-    neighbours = dt < 1.5 * setup.controller.control_period
-    return in_window._replace(
+    limit = (1.0 - 1e-9) * np.array(torque_limits(setup))  # A torque so close to it is at it.
+    at_limit = tau[within(run.t, window)] >= limit
+    return Score(
+        **values,
+        error_share=float(error_shares(run, values['rms']).max()),
+        saturated=float(at_limit.any(axis=1).mean()),
         slips=tuple(slips_at_rest(run, window).tolist()),
-        error_share=float(error_shares(run, in_window.rms).max()),
-        peak=tuple(tau.max(axis=0).tolist()), saturated=float(at_limit.any(axis=1).mean()),
-        peak_rate=tuple(np.where(neighbours, step / dt, 0.0).max(axis=0).tolist()))
+        peak=tuple(tau.max(axis=0).tolist()),
+        peak_rate=tuple(_peak_rate(run, setup.controller.control_period).tolist()))
+
+
+def _peak_rate(run: Run, period: float) -> Array:
+    """Return the largest torque rate between neighbours, shape (n,) [N·m/s]."""
+    step = np.abs(np.diff(run.tau, axis=0))
+    dt = np.diff(run.t)[:, np.newaxis]
+    rates: Array = np.where(dt < 1.5 * period, step / dt, 0.0)
+    largest: Array = rates.max(axis=0)
+    return largest
 
 
 def slips_at_rest(run: Run, window: tuple[float, float]) -> Array:
     """
-    Return how often a second each joint begins to move where its reference rests, shape (n,).
+    Return the stick-slips of each joint a second.
 
     It counts how often the velocity exceeds 1e-3 rad/s anew, in those samples of the window for
     which the reference has rested for 0.3 s or more. Without such samples it is 0.
@@ -186,23 +206,24 @@ def slips_at_rest(run: Run, window: tuple[float, float]) -> Array:
     t = run.t[:, np.newaxis]
     moves = (run.dq_d != 0.0) | (run.ddq_d != 0.0)
     last_move = np.maximum.accumulate(np.where(moves, t, t[0]), axis=0)
-    rests = (t - last_move >= 0.3) & within(t, window)
+    rests = ((t - last_move >= 0.3) & within(t, window))[1:]
     is_fast = np.abs(run.dq) > 1e-3
-    slips = (is_fast[1:] & ~is_fast[:-1] & rests[1:]).sum(axis=0)
-    time = np.where(rests[1:], np.diff(t, axis=0), 0.0).sum(axis=0)
+    begins = is_fast[1:] & ~is_fast[:-1]
+    slips = (begins & rests).sum(axis=0)
+    time = np.where(rests, np.diff(t, axis=0), 0.0).sum(axis=0)
     rate: Array = slips / np.where(time > 0.0, time, np.inf)
     return rate
 
 
 def torque_limits(setup: Setup) -> list[float]:
-    """Return the largest torque that controller and drives allow, shape (n,) [N·m]."""
+    """Return the largest allowed torque, shape (n,) [N·m]."""
     config, plant = setup.controller, setup.plant
     model = model_of(config, setup.descriptions.get('controller', ''))
     return list(map(min, config.largest_torque(model.effort_limits), plant.torque_saturation))
 
 
 def result_columns(n: int) -> dict[str, tuple[str, str]]:
-    """Return name, type and unit of the columns behind the axes, for `n` joints."""
+    """Return names, types and units of the result columns."""
     texts = dict.fromkeys(('engine', 'failure', 'reason'), ('string', ''))
     summary = {'error': 'rad', 'error_share': '', 'variation': 'N*m/s', 'saturated': '',
                'slips': '1/s'}

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The spec of a map: laws, axes, draws and limits of failure.
+Specs of maps: laws, axes, draws and failures.
 
 `read_spec` reads one from a file for `ctc map`. `tune_spec` takes its keys for `ctc tune`. Every
 error names the key, its value and the allowed ones, before anything is run.
@@ -71,7 +71,7 @@ class Quantity:
 
     @property
     def unit(self) -> str:
-        """Unit of the number; empty for a factor, and where there is none."""
+        """Unit of the number, empty for a factor."""
         return '' if self.factor else self.targets[0][1].unit
 
     @property
@@ -121,8 +121,8 @@ class Uncertain(Quantity):
     distribution : str
         One of `DISTRIBUTIONS`.
     numbers : tuple of float
-        Ends of `uniform` and `log_uniform`; mean and standard deviation of `normal`; the values
-        of `choice`, each as likely as the others.
+        Ends of `uniform` and `log_uniform`, mean and standard deviation of `normal`, or the
+        equally likely values of `choice`.
 
     """
 
@@ -131,14 +131,14 @@ class Uncertain(Quantity):
 
     @property
     def typical(self) -> tuple[float, ...]:
-        """Values that must be allowed: the ends, the values, or the mean."""
+        """Values that must be allowed."""
         return self.numbers[:1] if self.distribution == 'normal' else self.numbers
 
 
 def set_quantities(setup: Setup, numbers: Iterable[tuple[Quantity, float]],
                    noise_seed: int | None = None) -> Setup:
     """
-    Return a setup with quantities set to numbers, one after the other.
+    Return a setup with quantities set in order.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def set_quantities(setup: Setup, numbers: Iterable[tuple[Quantity, float]],
 
 
 def read_axis(name: str, tree: object) -> Axis:
-    """Return an axis of a spec. Raise `ParameterError` that names the key."""
+    """Return an axis of a spec."""
     key = f'axes.{name}'
     if not isinstance(tree, dict) or 'range' not in tree:
         values = mapping(key, tree, (*_QUANTITY_KEYS, 'values'))
@@ -186,7 +186,7 @@ def read_axis(name: str, tree: object) -> Axis:
 
 
 def read_uncertain(name: str, tree: object) -> Uncertain:
-    """Return an uncertain quantity of a spec. Raise `ParameterError` that names the key."""
+    """Return an uncertain quantity of a spec."""
     key = f'uncertain.{name}'
     values = mapping(key, tree, (*_QUANTITY_KEYS, *DISTRIBUTIONS))
     distribution = _only_key(key, values, DISTRIBUTIONS)
@@ -202,13 +202,13 @@ def read_uncertain(name: str, tree: object) -> Uncertain:
     return Uncertain(name, *_read_targets(key, values), distribution, numbers)
 
 
-def read_value(key: str, kind: str, value: object, n: int = 0, **allowed: Any) -> Any:
-    """Return a value of a spec, declared as a `Parameter` is."""
-    return Parameter(key, kind, None, '', **allowed).checked(value, n)
+def read_value(key: str, type_name: str, value: object, n: int = 0, **allowed: Any) -> Any:
+    """Return a checked value of a spec."""
+    return Parameter(key, type_name, None, '', **allowed).checked(value, n)
 
 
 def _only_key(key: str, values: Mapping[str, Any], names: Sequence[str]) -> str:
-    """Return the only one of some keys that a mapping has."""
+    """Return the only present one of some keys."""
     present = [name for name in names if name in values]
     if len(present) != 1:
         raise ParameterError(key, present, 'one of ' + ', '.join(names))
@@ -255,7 +255,7 @@ def check_quantities(quantities: Iterable[tuple[Quantity, tuple[float, ...]]], s
 
 
 def coarse_steps(values: Mapping[str, Any], axes: tuple[Axis, ...]) -> tuple[int, ...]:
-    """Return every how many values of each axis are run first; all of an axis without range."""
+    """Return the steps of the coarse grid along each axis."""
     levels = read_value('refine', 'int', values.get('refine', 0), minimum=0, maximum=16)
     steps = tuple(2 ** levels if 'range' in values['axes'][x.name] else 1 for x in axes)
     if levels and max(steps, default=1) == 1:
@@ -269,7 +269,7 @@ def coarse_steps(values: Mapping[str, Any], axes: tuple[Axis, ...]) -> tuple[int
 
 def _read_targets(key: str, values: dict[str, Any]
                   ) -> tuple[tuple[tuple[str, Parameter], ...], bool]:
-    """Return the targets of a quantity, and whether it is a factor."""
+    """Return the targets of a quantity, and `factor`."""
     name = _only_key(key, values, ('parameter', 'parameters'))
     texts = values[name] if name == 'parameters' else [values[name]]
     texts = read_value(f'{key}.{name}', 'str[]', texts)
@@ -280,7 +280,7 @@ def _read_targets(key: str, values: dict[str, Any]
 
 
 def _targets(key: str, text: str) -> list[tuple[str, Parameter]]:
-    """Return the nodes that have a parameter, and its declaration."""
+    """Return the nodes and declarations of a parameter."""
     node, _, name = text.partition('.')
     nodes = [node]
     if node not in LOOP:
@@ -303,7 +303,7 @@ KEYS = ('params_file', 'duration', 'window', 'overrides', 'laws', 'axes', 'uncer
 
 @dataclasses.dataclass(frozen=True)
 class Repeats(Config):
-    """Runs of every point, and the draws of uncertain quantities for them."""
+    """Number of runs of every point, and their draws."""
 
     sampling: str = parameter(
         'sobol', 'How `uncertain` is drawn.',
@@ -315,7 +315,7 @@ class Repeats(Config):
 
 @dataclasses.dataclass(frozen=True)
 class Failure(Config):
-    """Limits from which a run is a failure, besides one that diverges or is refused."""
+    """Limits from which a finished run is a failure."""
 
     error_above: float = parameter(inf, 'RMS error of any joint in the window.', 'rad')
     error_share_above: float = parameter(
@@ -349,7 +349,7 @@ class MapSpec:
     failure : Failure
         Limits.
     coarse : tuple of int
-        Of each axis: every how many of its values are run first, a power of two; 1 for all.
+        Of each axis: the step between values that are run first, a power of two.
     tree : mapping
         Contents of the file.
 
@@ -379,7 +379,7 @@ class MapSpec:
 
 def read_spec(path: Path) -> MapSpec:
     """
-    Read a spec, and the parameter file that it names.
+    Read a spec and its parameter file.
 
     Raises
     ------
@@ -393,18 +393,22 @@ def read_spec(path: Path) -> MapSpec:
 
 
 def spec_rows(tree: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield the keys of a spec, and those below them, with their values as YAML on one line."""
+    """Yield the keys of a spec with their values."""
     for key, value in tree.items():
-        for name, part in (value if isinstance(value, dict) else {'': value}).items():
+        for name, entry in (value if isinstance(value, dict) else {'': value}).items():
             yield f'{key} {name}'.rstrip(), yaml.safe_dump(
-                part, default_flow_style=True, sort_keys=False, allow_unicode=True,
+                entry, default_flow_style=True, sort_keys=False, allow_unicode=True,
                 width=float('inf')).removesuffix('...\n').rstrip()
 
 
 def parse_spec(tree: object, path: Path) -> MapSpec:
-    """Return the checked spec; relative paths in it count from the directory of `path`."""
+    """
+    Return the checked spec.
+
+    Relative paths in it count from the directory of `path`.
+    """
     values = mapping('spec', tree, KEYS)
-    setup = _read_setup(values, path.parent)
+    setup = read_setup(values, path.parent)
     taken = (*RUN_COLUMNS, *result_columns(len(setup.controller.joint_names)))
     axes = _read_quantities(values, 'axes', read_axis, taken)
     uncertain = _read_quantities(values, 'uncertain', read_uncertain, (
@@ -428,15 +432,19 @@ def _check_saltelli(spec: MapSpec) -> None:
     if spec.repeats.sampling != 'saltelli':
         return
     blocks = len(spec.uncertain) + 2
-    size, rest = divmod(spec.repeats.repeats, blocks)
-    if spec.axes or len(spec.uncertain) < 2 or rest or size.bit_count() != 1:
+    size, remainder = divmod(spec.repeats.repeats, blocks)
+    if spec.axes or len(spec.uncertain) < 2 or remainder or size.bit_count() != 1:
         raise ParameterError('sampling', 'saltelli', (
             'without axes, for what is uncertain, two quantities or more, with repeats of '
             f'{blocks} times a power of two'))
 
 
 def _read_failure(values: Mapping[str, Any]) -> Failure:
-    """Return the limits of the spec, by default the error of which `ctc simulate` warns."""
+    """
+    Return the limits of failure.
+
+    The default is the error of which `ctc simulate` warns.
+    """
     if 'failure' not in values:
         return Failure(error_share_above=WARN_ERROR_SHARE)
     with prefixed('failure.'):
@@ -444,7 +452,7 @@ def _read_failure(values: Mapping[str, Any]) -> Failure:
             'failure', values['failure'], tuple(Failure.parameters())))
 
 
-def _read_setup(values: Mapping[str, Any], beside: Path) -> Setup:
+def read_setup(values: Mapping[str, Any], beside: Path) -> Setup:
     """Return the parameter file with the spec's overrides."""
     name = read_value('params_file', 'str', values.get('params_file', 'friction'))
     overrides = values.get('overrides', {})
@@ -460,7 +468,7 @@ def _read_setup(values: Mapping[str, Any], beside: Path) -> Setup:
 
 
 def _read_window(values: Mapping[str, Any], duration: float) -> tuple[float, float]:
-    """Return the evaluated interval; the second half by default."""
+    """Return the evaluated interval, by default the second half."""
     window = read_value('window', 'float[]', values.get('window', [0.5 * duration, duration]))
     if len(window) != 2 or not 0.0 <= window[0] < window[1] <= duration:
         raise ParameterError('window', window, f'two times, ascending, from 0 to {duration:g} s')
@@ -469,7 +477,7 @@ def _read_window(values: Mapping[str, Any], duration: float) -> tuple[float, flo
 
 def _read_quantities(values: Mapping[str, Any], key: str, read: Callable[[str, object], Any],
                      taken: Container[str]) -> tuple[Any, ...]:
-    """Return the axes, or the uncertain quantities; their names are not among the taken ones."""
+    """Return axes or uncertain quantities with new names."""
     tree = values.get(key) or {}
     if not isinstance(tree, dict):
         raise ParameterError(key, tree, 'a mapping of names')
@@ -481,7 +489,7 @@ def _read_quantities(values: Mapping[str, Any], key: str, read: Callable[[str, o
 
 
 def _read_laws(values: Mapping[str, Any], setup: Setup) -> tuple[LawSettings, ...]:
-    """Return the laws; that of the file by default."""
+    """Return the laws, by default that of the file."""
     items = values.get('laws', [setup.controller.law])
     if not isinstance(items, list) or not items:
         raise ParameterError('laws', items, 'a list of laws')
@@ -493,7 +501,7 @@ def _read_laws(values: Mapping[str, Any], setup: Setup) -> tuple[LawSettings, ..
 
 
 def read_law(key: str, item: object, setup: Setup) -> LawSettings:
-    """Return a law from text, such as ``chattering sign``, or a mapping."""
+    """Return a law from text or a mapping."""
     values: dict[str, Any] = {'law': setup.controller.law}
     if isinstance(item, str) and 0 < len(item.split()) <= 2:
         values.update(zip(('law', 'switching'), item.split()))

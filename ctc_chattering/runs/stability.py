@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Stability margins of the loop of a parameter file, and their table.
+Stability margins of the loop of a parameter file.
 
 `ctc stability` prints it. `margins/loop_margins.py` computes the margins from the loops that
 `loops_of` forms of a setup.
@@ -50,7 +50,7 @@ def loops_of(setup: Setup) -> Loops:
     Parameters
     ----------
     setup : Setup
-        The law and what it knows; lag, delay and sensor of its robot.
+        The law with its knowledge, and lag, delay and sensor of its robot.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def loops_of(setup: Setup) -> Loops:
 
 
 def _check_proportion(config: ControllerConfig, law: LinearLaw, mass: Array) -> None:
-    """Refuse a law whose torque at M̂ = `mass` is not `mass` times that at M̂ = 1."""
+    """Refuse a law whose torque is not proportional to M̂."""
     response = linear_law(config, mass).response()
     if not np.abs(mass @ law.response() - response).max() <= 1e-3 * np.abs(response).max():
         raise CtcError(f'law {config.law}: its torque is not in proportion to M of the model; its '
@@ -88,7 +88,7 @@ def _check_proportion(config: ControllerConfig, law: LinearLaw, mass: Array) -> 
 
 
 def _joints_are_equal(config: ControllerConfig, lags: Array) -> bool:
-    """Return whether all joints have the same gains and lags, and no gain couples them."""
+    """Return whether joints have equal, uncoupled gains and lags."""
     n = len(lags)
     rows = [lags.tolist()]
     if config.takes('actuator_lag'):
@@ -109,7 +109,7 @@ def masses_of(setup: Setup) -> list[Array]:
 
 def stability(setup: Setup) -> Margins:
     """
-    Return the errors of model, lag and delay that the sampled loop tolerates.
+    Return the errors that the sampled loop tolerates.
 
     The loop has a constant M and no limits. Its poles decide for errors that are constant, the
     small-gain theorem for those that vary (docs/theory.md).
@@ -117,12 +117,13 @@ def stability(setup: Setup) -> Margins:
     Parameters
     ----------
     setup : Setup
-        The law and what it knows; lag, delay and sensor of its robot.
+        The law with its knowledge, and lag, delay and sensor of its robot.
 
     Returns
     -------
     Margins
-        Stable if ``radius`` is below 1; ``ratios``, ``lags`` and ``delays`` say how far it is.
+        The loop is stable if ``radius`` is below 1. ``ratios``, ``lags`` and ``delays`` say by how
+        much.
 
     Raises
     ------
@@ -141,7 +142,11 @@ def stability(setup: Setup) -> Margins:
 
 
 def margin_rows(margins: Margins, period: float) -> Iterator[tuple[str, str]]:
-    """Yield rows of a table, intervals rounded inwards; `period` is h [s]."""
+    """
+    Yield the margins as rows of a table.
+
+    Intervals are rounded inwards. `period` is h [s].
+    """
     if margins.radius < 1.0:
         slowest = -1e3 * period / math.log(margins.radius)
         yield 'slowest time constant, model exact', f'{_two_digits(slowest, math.ceil)} ms'
@@ -165,14 +170,14 @@ def range_text(stable: StableRange | None, factor: float = 1.0, unit: str = '') 
 
 
 def _delays_text(delays: Sequence[int]) -> str:
-    """Return ascending numbers, as a range if they are consecutive."""
+    """Return ascending delays, consecutive ones as a range."""
     if len(delays) > 1 and delays[-1] - delays[0] == len(delays) - 1:
         return f'{delays[0]} to {delays[-1]}'
     return ', '.join(map(str, delays))
 
 
 def _two_digits(x: float, round_to: Callable[[float], int]) -> str:
-    """Return a number to two digits, rounded by `math.ceil` or `math.floor`."""
+    """Return a number rounded up or down to two digits."""
     if not 0.0 < x < math.inf:
         return f'{x:g}'
     step = 10.0 ** (math.floor(math.log10(x)) - 1)

@@ -13,11 +13,12 @@
 # limitations under the License.
 
 """
-Directory of a table: a parquet file per chunk of runs, one of all rows, and their metadata.
+Directory of a table that survives a kill.
 
-`map.py` opens it and lets `compute` make the chunks that are missing. A process that is
-killed leaves whole files only. The name of a chunk's file is a key of all inputs of its rows, the
-text of the package among them. Parquet's checksums show a damaged file, which is computed again.
+It has a parquet file per chunk of runs, one of all rows, and their metadata. `map.py` opens
+it and lets `compute` make the chunks that are missing. A process that is killed leaves whole files
+only. The name of a chunk's file is a key of all inputs of its rows, the text of the package among
+them. Parquet's checksums show a damaged file, which is computed again.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ Numbers = Sequence[int] | npt.NDArray[np.int64]
 
 @cache
 def version() -> str:
-    """Return the version of the package with a hash of its text."""
+    """Return the package's version with a hash of its text."""
     package, text = Path(ctc_chattering.__file__).parent, hashlib.sha256()
     for path in sorted(package.rglob('*.py')):
         text.update(path.read_bytes())
@@ -72,7 +73,7 @@ def version() -> str:
 
 
 def table_schema(runs: RunList) -> pyarrow.Schema:
-    """Return the columns of the results, with the unit of each that has one."""
+    """Return the columns of a table with their units."""
     return pyarrow.schema([
         pyarrow.field(name, pyarrow.type_for_alias(type_name),
                       metadata={'unit': unit} if unit else None)
@@ -80,7 +81,11 @@ def table_schema(runs: RunList) -> pyarrow.Schema:
 
 
 def table_metadata(runs: RunList) -> dict[str, Any]:
-    """Return the metadata of a table, as JSON has it; its ``key`` identifies it uniquely."""
+    """
+    Return the metadata of a table.
+
+    Its ``key`` identifies the table uniquely.
+    """
     versions = {'ctc_chattering': version(), 'numpy': np.__version__,
                 'pyarrow': pyarrow.__version__}
     return {'key': _key([runs.contents, version()]), 'spec': finite(runs.contents),
@@ -108,7 +113,9 @@ def chunks(runs: RunList, numbers: Numbers) -> list[npt.NDArray[np.int64]]:
 
 def compute(runs: RunList, caller_version: str, chunk: Numbers) -> pyarrow.Table:
     """
-    Return the rows of a chunk; compile their code first, if it is not on this machine.
+    Return the rows of a chunk.
+
+    Their code is compiled first, if it is not on this machine.
 
     Parameters
     ----------
@@ -136,7 +143,7 @@ def compute(runs: RunList, caller_version: str, chunk: Numbers) -> pyarrow.Table
 
 @lru_cache(1)
 def _compile(runs: Any) -> None:
-    """Compile the code of runs, once in a process that has many chunks of them."""
+    """Compile the code of runs once in a process."""
     compile_setups(runs.examples(), lambda _: None)
 
 
@@ -170,11 +177,15 @@ class Directory:
                 stream.write(text.encode())
 
     def file(self, chunk: Numbers) -> str:
-        """Return the file of a chunk, whose name changes with all that the rows depend on."""
+        """Return the file of a chunk."""
         return f'{SHARDS}/{_key([self.key, *map(int, chunk)])}.parquet'
 
     def rows(self, chunk: Numbers, show: Callable[[str], None]) -> pyarrow.Table | None:
-        """Return the rows of a chunk; None if there are none. `show` takes a line on damage."""
+        """
+        Return the rows of a chunk, or None.
+
+        `show` takes a line about a damaged file, which is removed.
+        """
         path = self.path / self.file(chunk)
         if not os.path.lexists(path):
             return None
@@ -197,7 +208,7 @@ class Directory:
             write_table(table, stream)
 
     def merge(self, table: pyarrow.Table) -> pyarrow.Table:
-        """Write and return all rows in the order of the runs."""
+        """Write and return all rows in order."""
         table = table.sort_by('run').combine_chunks()
         self.write(table, f'{self._command}.parquet')
         return table
@@ -209,7 +220,7 @@ def write_table(table: pyarrow.Table, stream: BinaryIO) -> None:
 
 
 def _existing_key(path: Path, command: str) -> str:
-    """Return the key of the table in a directory; empty without one."""
+    """Return the key of the table there, or an empty text."""
     file = path / f'{command}.json'
     if not os.path.lexists(file):
         return ''
@@ -221,7 +232,7 @@ def _existing_key(path: Path, command: str) -> str:
 def open_directory(path: Path, metadata: Mapping[str, Any], columns: pyarrow.Schema,
                    overwrite: bool = False, command: str = 'map') -> Iterator[Directory]:
     """
-    Hold the directory of a table for this process alone, however that ends.
+    Hold the directory of a table for this process.
 
     The same table is continued where it is. A table that replaces another one is made beside it.
     It takes its place when the context ends without an error, and can be continued after one.
@@ -238,7 +249,7 @@ def open_directory(path: Path, metadata: Mapping[str, Any], columns: pyarrow.Sch
     Raises
     ------
     CtcError
-        If another table is there, or anything that ``ctc`` has not written; if another process
+        If another table is there, or anything that ``ctc`` has not written. If another process
         holds the directory, or it cannot be written.
 
     """

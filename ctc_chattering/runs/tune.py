@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Gains by a search of Optuna for a robot that is known within ranges.
+Search for gains of a robot known within ranges.
 
 `ctc tune` calls `tune`: trials on the draws of a `TuneSpec`, the front, and its validation on
 fresh draws. `tune_page` writes the result. Trials are asked for and answered in groups of a fixed
@@ -71,13 +71,13 @@ class GainsScore(NamedTuple):
     Attributes
     ----------
     error, variation : float
-        Bounds that the given part of the runs does not exceed [rad], [N·m/s]; inf where more
-        diverge.
+        Bounds that the given part of the runs does not exceed [rad], [N·m/s]. They are inf where
+        more runs diverge.
     torque, rate : tuple of float, shape (n,)
         Largest of all runs that do not diverge [N·m], [N·m/s].
     excess : dict of str to float
-        By constraint: part of the runs that diverge; by how much the torque or its rate exceeds
-        its limit, as a part of it. It is 0 or less where the constraint holds.
+        By constraint: part of the runs that diverge, and relative excess of torque and rate over
+        their limits. It is 0 or less where the constraint holds.
 
     """
 
@@ -89,7 +89,7 @@ class GainsScore(NamedTuple):
 
     @property
     def objectives(self) -> tuple[float, ...]:
-        """Logarithms of error and variation, within bounds that keep them finite."""
+        """Finite logarithms of error and variation."""
         return tuple(math.log(min(max(x, 1e-12), 1e9)) for x in (self.error, self.variation))
 
     @property
@@ -99,7 +99,7 @@ class GainsScore(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """The numbers of a trial, as `tune_spec.SPACE` has them, and their score."""
+    """The numbers of a trial, named as in `SPACE`."""
 
     numbers: Numbers
     score: GainsScore
@@ -116,7 +116,7 @@ def score_gains(runs: pandas.DataFrame, limits: Limits, percentile: float) -> Ga
     limits : Limits
         Limits of every run.
     percentile : float
-        Part of the runs that error and variation do not exceed [%]; 100 for the worst run.
+        Part of the runs that error and variation do not exceed [%], 100 for the worst run.
 
     Raises
     ------
@@ -128,26 +128,24 @@ def score_gains(runs: pandas.DataFrame, limits: Limits, percentile: float) -> Ga
     if len(refused):
         raise CtcError(refused.iloc[0])
     good = runs[runs['failure'] == '']
-    excess, largest = {DIVERGED: 1.0 - len(good) / len(runs)}, {}
-    for name, column, limit in ((TORQUE, PER_JOINT['peak'][0], limits.torque),
-                                (RATE, PER_JOINT['peak_rate'][0], limits.rate)):
+    excess = {DIVERGED: 1.0 - len(good) / len(runs)}
+    largest = {}
+    for name, quantity, limit in ((TORQUE, 'peak', limits.torque),
+                                  (RATE, 'peak_rate', limits.rate)):
+        column, _ = PER_JOINT[quantity]
         values = good[[f'{column}_{i}' for i, _ in enumerate(limit, 1)]].to_numpy()
-        rounding = 1.0 + 1e-9  # A torque that exceeds its limit by less keeps it.
-        excess[name] = float((values / limit).max() if len(good) else 1.0) - rounding
-        largest[name] = tuple(values.max(0).tolist()) if len(good) else (math.inf,) * len(limit)
-    error, variation = (percentile_of(runs[name].fillna(math.inf).tolist(), percentile)
-                        for name in ('error', 'variation'))
-    return GainsScore(error, variation, largest[TORQUE], largest[RATE], excess)
-
-
-def percentile_of(values: Sequence[float], percentile: float) -> float:
-    """Return the least of `values` that `percentile` % of them do not exceed."""
-    return sorted(values)[max(0, math.ceil(percentile / 100.0 * len(values) - 1e-9) - 1)]
+        used, largest[name] = 1.0, (math.inf,) * len(limit)
+        if len(good):
+            used, largest[name] = float((values / limit).max()), tuple(values.max(0).tolist())
+        excess[name] = used - (1.0 + 1e-9)  # Rounding of a torque at its limit is no excess.
+    bounds = np.percentile(runs[['error', 'variation']].fillna(math.inf), percentile, axis=0,
+                           method='inverted_cdf')
+    return GainsScore(*bounds.tolist(), largest[TORQUE], largest[RATE], excess)
 
 
 def pareto_front(scores: Sequence[GainsScore]) -> list[int]:
     """
-    Return which scores are not dominated, in the order of their variation.
+    Return the non-dominated scores in order of variation.
 
     A score that violates a constraint is not among them. Another one dominates a score if it has
     no more error and no more variation, and less of one. Of equal scores the first remains.
@@ -206,7 +204,11 @@ def run_trials(evaluate: Callable[[list[Numbers]], Iterable[GainsScore]],
 
 
 def require_optuna() -> Any:
-    """Return the library. Raise `UsageError` if it is too old."""
+    """
+    Return the library.
+
+    Raise `UsageError` if it is too old.
+    """
     import optuna
     if int(optuna.__version__.partition('.')[0]) < MIN_OPTUNA_VERSION:
         raise UsageError(
@@ -217,7 +219,7 @@ def require_optuna() -> Any:
 
 class Candidate(NamedTuple):
     """
-    A law with its scores on the draws of the search, and on fresh ones.
+    A law with its scores on drawn and fresh robots.
 
     Attributes
     ----------
@@ -239,7 +241,7 @@ class Candidate(NamedTuple):
 
     @property
     def values(self) -> Mapping[str, Any]:
-        """Parameters of the controller in place of those of the file."""
+        """Parameters in place of those of the file."""
         return self.law.values
 
 
@@ -263,7 +265,7 @@ class Tuning:
     points : tuple of Candidate
         The same, validated.
     best : Candidate or None
-        The recommended one of the points, and of `others` under the law that is tuned; None
+        The recommended one of the points, and of `others` under the law that is tuned. It is None
         without a trial that keeps the limits.
     others : tuple of Candidate
         The gains of the file, and the recommended settings of laws.
@@ -300,7 +302,7 @@ def search_gains(spec: TuneSpec, trials: int, percentile: float = 95.0, seed: in
     trials : int
         Number of trials.
     percentile : float
-        Part of the runs that error and variation do not exceed [%]; 100 for the worst run.
+        Part of the runs that error and variation do not exceed [%], 100 for the worst run.
     seed : int
         Seed of the sampler.
     run_tasks : callable
@@ -338,29 +340,29 @@ def search_gains(spec: TuneSpec, trials: int, percentile: float = 95.0, seed: in
             progress(finished, trials)
         return scores
 
-    others = spec.references
-    scores_of_others = score(others, drawn)
+    references = spec.references
+    reference_scores = score(references, drawn)
     first = first_numbers(spec.setup.controller, spec.setup.plant.coulomb_friction,
                           gains_by_rule(spec.setup, RECOMMENDED_LAW), spec.ranges)
     done = run_trials(evaluate, spec.ranges, first, trials, seed)
     front = pareto_front([trial.score for trial in done])
     laws = [spec.law(f'trial {k}', done[k].numbers) for k in front]
-    validated = score([*laws, *others], fresh)
+    validated = score([*laws, *references], fresh)
     points = [Candidate(dataclasses.replace(law, name=str(number)), done[k].score, fresh_score)
               for number, (k, law, fresh_score) in enumerate(zip(front, laws, validated), 1)]
-    references = list(map(Candidate, others, scores_of_others, validated[len(points):]))
-    comparable = [x for x in references if points and x.law.law == spec.setup.controller.law]
+    compared = list(map(Candidate, references, reference_scores, validated[len(points):]))
+    comparable = [x for x in compared if points and x.law.law == spec.setup.controller.law]
     table = pyarrow.concat_tables(tables)
     table = table.set_column(0, 'run', pyarrow.array(range(len(table))))
     return Tuning(
         spec=spec, percentile=percentile, seed=seed, trials=tuple(done), front=tuple(front),
         points=tuple(points), best=select_recommended([*points, *comparable]),
-        others=tuple(references), drawn=drawn, fresh=fresh, table=table)
+        others=tuple(compared), drawn=drawn, fresh=fresh, table=table)
 
 
 def select_recommended(candidates: Sequence[Candidate]) -> Candidate | None:
     """
-    Return the candidate with the smallest product of error and torque variation on fresh draws.
+    Return the best compromise on fresh draws.
 
     On a front that is where one per cent less error costs one per cent more variation. Those that
     keep the limits there come first.
@@ -373,33 +375,33 @@ def tune(spec: TuneSpec | Mapping[str, Any] | str | Path, trials: int = 200,
          percentile: float = 95.0, identified: str | Path | None = None, jobs: int = 1,
          show: Callable[[str], None] = print, progress: Progress | None = None) -> Tuning:
     """
-    Search for gains for a robot whose parameters are known only within ranges.
+    Search for gains of a robot known within ranges.
 
     Parameters
     ----------
     spec : mapping, str or Path
-        Keys of the spec, as docs/tuning.md has them, or the path of a file with them; such as
-        ``{'params_file': 'panda', 'repeats': 32, 'tune': {'law': 'observer_feedback'}}``.
+        Keys of the spec, as docs/tuning.md has them, or the path of a file with them. An example
+        is ``{'params_file': 'panda', 'repeats': 32, 'tune': {'law': 'observer_feedback'}}``.
     trials : int
         Gains to try.
     percentile : float
-        Part of the draws that error and torque variation do not exceed [%]; 100 for the worst.
+        Part of the draws that error and torque variation do not exceed [%], 100 for the worst.
     identified : str or Path, optional
         Directory that `write_identified` has written: the robot, uncertain within its
         intervals. `spec` is then a mapping of further keys.
     jobs : int
-        Processes; with more than 1 a script needs ``if __name__ == '__main__'``.
+        Processes. With more than 1 a script needs ``if __name__ == '__main__'``.
     show : callable
         Takes lines about compilation.
     progress : callable, optional
-        Called with the number of finished trials, and of all; the validation follows.
+        Called with the number of finished trials, and of all. The validation follows.
 
     Returns
     -------
     Tuning
         The ``points`` of the front of error against torque variation, each with ``values``, the
-        parameters of the controller; ``best`` is the recommended one, None if none keeps the
-        limits. For `write_tuning`.
+        parameters of the controller. ``best`` is the recommended one, None if none keeps the
+        limits. `write_tuning` takes it.
 
     Raises
     ------

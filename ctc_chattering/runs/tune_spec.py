@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The spec of a search for gains: a robot known within ranges, a law, and ranges of its gains.
+Specs of searches for gains.
 
 `ctc tune` reads it by `tune_spec`, from a file or from the output of `ctc identify`. The numbers
 that are searched suit robots of every size. Where joints differ, a number times a gain of the
@@ -50,6 +50,7 @@ from ctc_chattering.runs.spec import (
     MapSpec,
     parse_spec,
     read_law,
+    read_setup,
     read_value,
 )
 
@@ -62,7 +63,7 @@ Numbers = dict[str, float]
 
 
 class Range(NamedTuple):
-    """Range of a number that is searched, on a logarithmic scale."""
+    """Range of a number, on a logarithmic scale."""
 
     low: float
     high: float
@@ -90,7 +91,7 @@ SPACE: dict[str, Range] = {
 
 
 def space(config: ControllerConfig) -> dict[str, Range]:
-    """Return the ranges of kp and kv, and of the gains of law and switching in force."""
+    """Return the ranges of the gains of a law."""
     names = ('pole', 'damping', *config.law_parameters)
     return {name: limits for name, limits in SPACE.items() if name in names
             and OF_SWITCHING.get(name, config.switching) == config.switching}
@@ -99,7 +100,7 @@ def space(config: ControllerConfig) -> dict[str, Range]:
 def gains(numbers: Mapping[str, float], config: ControllerConfig, friction: tuple[float, ...]
           ) -> dict[str, Any]:
     """
-    Return the parameters that the numbers of a trial mean.
+    Return the gains that numbers of a trial mean.
 
     Parameters
     ----------
@@ -112,20 +113,21 @@ def gains(numbers: Mapping[str, float], config: ControllerConfig, friction: tupl
 
     """
     n = len(config.joint_names)
-    kp, kv = numbers['pole'] ** 2, 2.0 * numbers['damping'] * numbers['pole']
+    kp = numbers['pole'] ** 2
+    kv = 2.0 * numbers['damping'] * numbers['pole']
     values: dict[str, Any] = {'kp': [kp] * n, 'kv': [kv] * n}
-    for name in space(config):
-        if name not in ('pole', 'damping'):
-            number = numbers[name]
-            values[name] = [number * x for x in _scales(name, kp * kv, config, friction)
-                            ] if config.parameters()[name].shape else number
+    for name in (*space(config),)[2:]:  # Without pole and damping.
+        values[name] = numbers[name]
+        if config.parameters()[name].shape:
+            scales = _scales(name, kp * kv, config, friction)
+            values[name] = [numbers[name] * x for x in scales]
     return values
 
 
 def first_numbers(config: ControllerConfig, friction: tuple[float, ...],
                   by_rule: Mapping[str, Any], ranges: Mapping[str, Range]) -> list[Numbers]:
     """
-    Return the numbers of the first two trials, within the ranges.
+    Return the numbers of the first two trials.
 
     Those of the first mean the gains of the file on joint 1. Those of the second are by the rule
     of `observer_feedback` where it has them: `kp`, `kv`, `ka` and `estimator_bandwidth`. Other
@@ -144,11 +146,11 @@ def first_numbers(config: ControllerConfig, friction: tuple[float, ...],
     """
     kp, kv = config.kp[0], config.kv[0]
     file = {'pole': sqrt(kp), 'damping': 0.5 * kv / sqrt(kp)}
-    for name in space(config):
-        if name not in file:
-            value = config.as_mapping()[name]
-            file[name] = value[0] / _scales(name, kp * kv, config, friction)[0] if isinstance(
-                value, tuple) else value
+    for name in (*space(config),)[2:]:
+        value = config.as_mapping()[name]
+        if isinstance(value, tuple):
+            value = value[0] / _scales(name, kp * kv, config, friction)[0]
+        file[name] = value
     pole = sqrt(by_rule['kp'][0])
     recommended = file | {
         'pole': pole, 'damping': 0.5 * by_rule['kv'][0] / pole,
@@ -162,14 +164,20 @@ def first_numbers(config: ControllerConfig, friction: tuple[float, ...],
 
 def _scales(name: str, product: float, config: ControllerConfig, friction: tuple[float, ...]
             ) -> tuple[float, ...]:
-    """Return the factors by which a number becomes a gain of each joint, shape (n,)."""
-    n = len(config.joint_names)
-    return {'ka': tuple(x or 1.0 for x in config.ka), 'ki': (product,) * n,
-            'adaptation_gain': tuple(x or 1.0 for x in friction)}.get(name, (1.0,) * n)
+    """Return the factors from a number to gains, shape (n,)."""
+    if name == 'ka':
+        return tuple(x or 1.0 for x in config.ka)
+    if name == 'adaptation_gain':
+        return tuple(x or 1.0 for x in friction)
+    return (product if name == 'ki' else 1.0,) * len(config.joint_names)
 
 
 class Limits(NamedTuple):
-    """Largest torque [N·m] and torque rate [N·m/s] of each joint, shape (n,); inf for none."""
+    """
+    Largest torque [N·m] and torque rate [N·m/s].
+
+    They have the shape (n,), and inf for no limit.
+    """
 
     torque: tuple[float, ...]
     rate: tuple[float, ...]
@@ -178,14 +186,14 @@ class Limits(NamedTuple):
 @dataclasses.dataclass(frozen=True)
 class TuneSpec(MapSpec):
     """
-    A checked spec: a map of draws under the law that is tuned, with limits and ranges.
+    A checked spec of a search.
 
     Attributes
     ----------
     file : Setup
         The robot with the law and gains of its file, a smooth start, and no events.
     values : mapping
-        Parameters of the file for `parameter_file.dump`, by node; with its own duration.
+        Parameters of the file for `parameter_file.dump`, by node, with its own duration.
     limits : Limits
         Limits of the torque.
     ranges : mapping of str to Range
@@ -199,20 +207,20 @@ class TuneSpec(MapSpec):
     ranges: Mapping[str, Range]
 
     def gains(self, numbers: Mapping[str, float]) -> dict[str, Any]:
-        """Return the parameters of the controller that numbers mean, to four digits."""
+        """Return the gains that numbers mean, to four digits."""
         values = gains(numbers, self.setup.controller, self.setup.plant.coulomb_friction)
         return {name: [rounded(x, 4) for x in value] if isinstance(value, list)
                 else rounded(value, 4) for name, value in values.items()}
 
     def law(self, name: str, numbers: Mapping[str, float]) -> LawSettings:
-        """Return the tuned law with the gains that numbers mean."""
+        """Return the tuned law with its gains."""
         config = self.setup.controller
         return LawSettings(config.law, config.switching_in_force, values=self.gains(numbers),
                            name=name)
 
     @cached_property
     def references(self) -> tuple[LawSettings, ...]:
-        """Laws to compare with: the gains of the file, and recommended ones."""
+        """Laws to compare with: gains of the file and recommended."""
         tuned = self.setup.controller
         setups = {'file': self.file, **{f'recommended {law}': recommended_setup(self.file, law)
                                         for law in (tuned.law, RECOMMENDED_LAW)}}
@@ -227,7 +235,11 @@ class TuneSpec(MapSpec):
         return tuple(laws)
 
     def fresh(self) -> TuneSpec:
-        """Return the spec of the validation: four times the draws, of another seed and noise."""
+        """
+        Return the spec of the validation.
+
+        It has four times the draws, of another seed and noise.
+        """
         n = self.repeats.repeats
         return dataclasses.replace(self, repeats=self.repeats.changed(
             {'repeats': 4 * n, 'seed': self.repeats.seed + n}))
@@ -243,7 +255,7 @@ def parse_tune(tree: object, path: Path) -> TuneSpec:
         Contents of the spec: keys of a spec of `ctc map` but `axes`, `laws`, `refine` and
         `failure`, and `tune`. `uncertain` is by default that of `usual_uncertainty`.
     path : Path
-        Path of the spec; relative paths in it count from its directory.
+        Path of the spec. Relative paths in it count from its directory.
 
     Raises
     ------
@@ -253,9 +265,9 @@ def parse_tune(tree: object, path: Path) -> TuneSpec:
     """
     keys = tuple(x for x in KEYS if x not in ('axes', 'laws', 'failure', 'refine'))
     values = {'repeats': DRAWS, **mapping('spec', tree, keys)}
-    spec = parse_spec(values, path)
     if 'uncertain' not in values:
-        return parse_tune({**values, 'uncertain': usual_uncertainty(spec.setup)}, path)
+        values['uncertain'] = usual_uncertainty(read_setup(values, path.parent))
+    spec = parse_spec(values, path)
     if spec.repeats.sampling == 'saltelli':
         raise ParameterError('sampling', 'saltelli', 'random | latin_hypercube | sobol')
     section = mapping('tune', values.get('tune') or {}, (
@@ -266,10 +278,11 @@ def parse_tune(tree: object, path: Path) -> TuneSpec:
         spec.setup.changed({'reference': {'start_duration': start}}), events=())
     law = _read_tuned_law(section, file)
     setup = file.changed({'controller': law.parameters})
-    own = parameter_file.load(find_config(values.get('params_file', 'friction'), path.parent),
-                              values.get('overrides', {}))  # It has the duration of the file.
+    # The tuned file keeps the duration of its own, not that of the spec.
+    untimed = parameter_file.load(find_config(values.get('params_file', 'friction'), path.parent),
+                                  values.get('overrides', {}))
     dumped = {**file.values, 'bringup': {**file.values['bringup'], 'events': ['']},
-              'plant': {**file.values['plant'], 'duration': own.plant.duration}}
+              'plant': {**file.values['plant'], 'duration': untimed.plant.duration}}
     of_map = vars(spec) | {'setup': setup, 'variants': (law,), 'failure': Failure()}
     tuned = TuneSpec(**of_map, file=file, values=dumped, limits=_read_limits(section, setup),
                      ranges=_read_ranges(section.get('search') or {}, setup))
@@ -299,7 +312,7 @@ def _read_tuned_law(section: Mapping[str, Any], file: Setup) -> LawSettings:
 
 
 def _read_limits(section: Mapping[str, Any], setup: Setup) -> Limits:
-    """Return the limits that the spec gives; else the least of all known ones."""
+    """Return the limits of the spec, or the known ones."""
     plant, config = setup.plant, setup.controller
     rates = (config.effort_rate_limit, config.torque_rate_limit, plant.torque_rate_limit)
     known_limits = {'torque_limit': torque_limits(setup),
@@ -311,7 +324,7 @@ def _read_limits(section: Mapping[str, Any], setup: Setup) -> Limits:
 
 
 def _read_ranges(tree: object, setup: Setup) -> dict[str, Range]:
-    """Return the range of each number: from `SPACE`, or the spec."""
+    """Return the ranges of the spec above those of `SPACE`."""
     ranges = space(setup.controller)
     for name, value in mapping('tune.search', tree, tuple(ranges)).items():
         ends = value if isinstance(value, list) else [value, value]
@@ -323,7 +336,7 @@ def _read_ranges(tree: object, setup: Setup) -> dict[str, Range]:
 
 
 def _check_gains(spec: TuneSpec) -> None:
-    """Check that all gains searched are allowed, and that no draw sets one of them."""
+    """Check that gains are allowed and not drawn."""
     for end in (0, 1):
         values = spec.gains({name: limits[end] for name, limits in spec.ranges.items()})
         with prefixed('tune.search.'):
@@ -375,7 +388,11 @@ def identified_spec(directory: Path, tree: Mapping[str, Any]) -> TuneSpec:
 
 
 def _friction(numbers: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield factors of friction: for all joints, the widest interval of any."""
+    """
+    Yield factors of friction.
+
+    For all joints it is the widest interval of any.
+    """
     for name in ('coulomb', 'viscous'):
         terms = [joint[name] for joint in numbers['friction']]
         half_widths = [_half_interval(x) / x['value'] for x in terms if (x['value'] or 0.0) > 0.0]
@@ -385,7 +402,7 @@ def _friction(numbers: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
 
 
 def _drives(numbers: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield the possible delays, and all possible lags of any joint with any delay."""
+    """Yield the possible delays, and lags of any joint."""
     delays = [int(x['delay_samples']) for x in numbers['delays_possible']]
     if len(delays) > 1:
         yield 'delay', {'parameter': 'plant.input_delay', 'choice': delays}
@@ -397,14 +414,14 @@ def _drives(numbers: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
 
 
 def _model(numbers: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield a scale of the controller's model, which is 5 % wrong in any case."""
+    """Yield a scale of the controller's model, at least ±5 %."""
     half_width = max(0.05, float(numbers.get('bodies_uncertainty', 0.0)))
     yield 'model', {'parameters': _MODEL_SCALES,
                     'uniform': [1.0 - min(half_width, 0.9), 1.0 + half_width]}
 
 
 def _half_interval(number: Mapping[str, Any]) -> float:
-    """Return half the interval of a number; 0 without one."""
+    """Return half the interval of a number, or 0."""
     low, high = number.get('interval_95') or (0.0, 0.0)
     return 0.5 * float(high - low)
 
@@ -412,7 +429,11 @@ def _half_interval(number: Mapping[str, Any]) -> float:
 def tune_spec(spec: TuneSpec | Mapping[str, Any] | str | Path,
               identified: str | Path | None = None, changes: Mapping[str, Any] | None = None
               ) -> TuneSpec:
-    """Return the spec of a file, a parameter file alone, or a mapping, with some keys changed."""
+    """
+    Return the spec of a file or a mapping.
+
+    A parameter file alone is one with all defaults. `changes` win over keys of the file.
+    """
     if isinstance(spec, TuneSpec):
         return spec
     if isinstance(spec, Mapping):

@@ -161,7 +161,7 @@ def test_the_pole_is_lowered_until_the_assumed_range_is_within_the_margins(
     assert gains['estimator_bandwidth'] == pytest.approx(2.0 * gains['kv'][0])
 
 
-def test_rotors_that_are_given_change_no_gain(tmp_path: Path) -> None:
+def test_known_rotors_change_no_gain(tmp_path: Path) -> None:
     robot = arm(tmp_path, rotor_inertia=[0.1, 0.1])
     assert with_stable_gains(robot) is robot
 

@@ -122,7 +122,7 @@ def cells(line: str) -> list[str]:
     return [x.strip() for x in line.strip().strip('|').split('|')]
 
 
-def test_every_variant_is_run() -> None:
+def test_every_law_and_switching_is_run() -> None:
     seen: list[Setup] = []
     file = CONFIG / 'friction.yaml'
     result = simulate(parameter_file.load(file))
@@ -145,7 +145,7 @@ def test_every_variant_is_run() -> None:
     assert list(made.examples()) == seen
 
 
-def test_the_smallest_of_a_column_is_bold_whoever_has_it() -> None:
+def test_the_smallest_number_of_a_column_is_bold() -> None:
     """Check it among numbers that look the same as well, and one that diverged."""
     one, other, lost = (LawSettings(x) for x in ('integral', 'pd_gravity', 'slotine_li'))
     text = compare_page.to_markdown(compared(
@@ -193,7 +193,7 @@ def test_a_condition_has_the_worst_of_its_runs(arm: Path) -> None:
 
 
 @pytest.mark.parametrize('lost', [0, 1])
-def test_a_condition_is_lost_with_any_of_its_runs(arm: Path, lost: int) -> None:
+def test_a_condition_fails_with_any_of_its_runs(arm: Path, lost: int) -> None:
     def run(setup: Setup) -> Result:
         if setup == made.setup(lost):
             raise CtcError('the motion diverged')
@@ -217,7 +217,7 @@ def test_the_number_of_processes_changes_nothing(arm: Path) -> None:
         assert tuple(again['rms_error_rad']) == x.score.rms
 
 
-def test_files_of_parameters_give_the_same_run(arm: Path, tmp_path: Path) -> None:
+def test_written_parameter_files_give_the_same_runs(arm: Path, tmp_path: Path) -> None:
     made = of_law('compensation', RECOMMENDED, arm=arm, condition='real_arm')
     write_parameters(made, tmp_path)
     paths = sorted(tmp_path.iterdir())
@@ -228,7 +228,7 @@ def test_files_of_parameters_give_the_same_run(arm: Path, tmp_path: Path) -> Non
         assert (one.tau == other.tau).all()
 
 
-def test_held_out_conditions_have_the_gains_of_the_rule_there(arm: Path) -> None:
+def test_held_out_conditions_have_gains_by_rule_of_their_own(arm: Path) -> None:
     """Check what survives, medians with a lost run as the worst, and the gains of each draw."""
     result = simulate_truth(parameter_file.load(arm))
 
@@ -303,7 +303,7 @@ def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Pa
 
 
 @pytest.mark.slow
-def test_a_comparison_that_is_killed_goes_on(arm: Path, tmp_path: Path) -> None:
+def test_a_killed_comparison_continues(arm: Path, tmp_path: Path) -> None:
     """Kill the command in the middle; what is left is computed, to the same bytes."""
     names = [x for name in ('clean', 'lag', 'delay', 'encoder') for x in ('--condition', name)]
     words = ['compare', arm, *names, '--laws', 'pd_gravity,integral', '--jobs', 1, '--out']
@@ -330,7 +330,7 @@ def test_a_comparison_that_is_killed_goes_on(arm: Path, tmp_path: Path) -> None:
     (['friction', '--laws', 'integral,sliding'], ["'sliding' is not allowed", 'slotine_li']),
     (['friction', '--held-out', '-1'], ['held_out: -1', '>= 0']),
     (['friction', '--gains', 'good'], ['--gains', 'good', 'recommended'])])
-def test_what_cannot_be_compared_is_refused_in_one_line(
+def test_an_argument_that_is_not_allowed_is_refused_in_one_line(
         arguments: list[object], words: list[str]) -> None:
     result = ctc('compare', *arguments)
     assert result.returncode in (1, 2)
@@ -351,7 +351,7 @@ cases:
 """
 
 
-def test_a_case_is_above_what_all_have_and_that_above_the_file(tmp_path: Path) -> None:
+def test_a_case_overrides_common_values_and_these_the_file(tmp_path: Path) -> None:
     file = tmp_path / 'mine.yaml'
     file.write_text(CASES)
     found = outcomes(compare(['friction'], laws=['compensation'], cases=file))
@@ -379,7 +379,7 @@ def test_a_case_is_above_what_all_have_and_that_above_the_file(tmp_path: Path) -
     ('cases:\n', 'cases: [1]\nx:\n', "'x' is not allowed"),
     ('duration: 6.0', 'duration: 0.0', r'duration: 0\.0 is not allowed; allowed: a number > 0'),
     ('    2 ms: {x: 2, plant: {actuator_lag: [2.0e-3, 2.0e-3]}}', '    2 ms: 3', '2 ms.*3')])
-def test_what_is_wrong_is_named_before_anything_runs(
+def test_an_error_in_a_file_of_cases_is_named_before_any_run(
         old: str, new: str, words: str, tmp_path: Path) -> None:
     file = tmp_path / 'mine.yaml'
     file.write_text(CASES.replace(old, new))

@@ -87,14 +87,15 @@ def setups(file: Path, name: str) -> list[Setup]:
             for case in find_condition(name).cases(parameter_file.load(file))]
 
 
-def test_there_is_no_other_condition() -> None:
+def test_an_unknown_condition_is_refused() -> None:
     assert [x for x in CONDITIONS if x != 'payload'] == list(SET)
     with pytest.raises(UsageError, match='no condition is called rain; allowed: clean, lag'):
         find_condition('rain')
 
 
 @pytest.mark.parametrize('name', SET)
-def test_a_condition_replaces_what_the_file_has_and_nothing_else(name: str, spoiled: Path) -> None:
+def test_a_condition_replaces_drives_sensors_and_model_error_only(
+        name: str, spoiled: Path) -> None:
     plant, controllers = SET[name]
     plain = PlantConfig().as_mapping()
     for file in (FRICTION, spoiled):
@@ -114,7 +115,7 @@ def test_a_condition_replaces_what_the_file_has_and_nothing_else(name: str, spoi
     assert found[0].plant.torque_saturation == (5100.0, 850.0)
 
 
-def test_friction_is_told_and_wrong_where_a_condition_says_so() -> None:
+def test_friction_of_the_controller_has_the_error_of_the_condition() -> None:
     """Check both signs on both joints, over the two runs."""
     assert [x.controller.friction_level for x in setups(FRICTION, 'real_arm')] == [
         pytest.approx((10.89, 8.91)), pytest.approx((8.91, 10.89))]
@@ -126,7 +127,7 @@ def test_events_of_the_file_are_left_out() -> None:
     assert not setups(CONFIG / 'switch.yaml', 'clean')[0].events
 
 
-def test_rate_limits_are_the_file_s_the_paper_s_or_those_of_the_description() -> None:
+def test_rate_limits_come_from_file_paper_or_description() -> None:
     assert torque_rates(parameter_file.load(FRICTION)) == (5000.0, 1000.0)
     own = {'plant': {'torque_rate_limit': [300.0, inf]}}
     assert torque_rates(parameter_file.load(FRICTION, own)) == (300.0, inf)
@@ -159,7 +160,7 @@ def drawn(file: Path, seed: int = 5, count: int = 24) -> list[Setup]:
             for case in held_out_cases(nominal, count, seed)]
 
 
-def test_a_condition_depends_on_seed_and_index_only() -> None:
+def test_a_held_out_case_depends_on_seed_and_index_only() -> None:
     """Check that more conditions begin with the same ones."""
     nominal = parameter_file.load(CONFIG / 'friction.yaml')
     few, more, other = (list(held_out_cases(nominal, n, seed))
@@ -170,7 +171,7 @@ def test_a_condition_depends_on_seed_and_index_only() -> None:
 
 
 @pytest.mark.parametrize('robot', ['friction', 'panda', 'ur5'])
-def test_the_draws_are_within_what_is_documented(robot: str) -> None:
+def test_draws_are_within_the_documented_ranges(robot: str) -> None:
     """Check the ratios of what the controller is told; both sides of right are drawn."""
     file = CONFIG / f'{robot}.yaml'
     nominal, found = parameter_file.load(file), drawn(file)

@@ -41,7 +41,7 @@ def test_every_result_comes(client: Any) -> None:
     assert list(run_on_workers(client, add, range(50), 100, 1000)) == [1100 + k for k in range(50)]
 
 
-def test_what_a_task_raises_is_raised_here(client: Any) -> None:
+def test_an_error_of_a_task_is_raised_by_the_caller(client: Any) -> None:
     with pytest.raises(ParameterError, match=r'ka: -1\.0 is not allowed; allowed: a number'):
         list(run_on_workers(client, fail, range(3), 'ours'))
     with pytest.raises(CtcError, match=r'^a worker failed: ZeroDivisionError: a division by'):
@@ -66,7 +66,7 @@ def test_the_task_of_a_killed_worker_goes_to_another(client: Any, tmp_path: Path
     assert process != int((tmp_path / '7').read_text())
 
 
-def test_without_workers_a_line_says_so(tmp_path: Path) -> None:
+def test_a_line_reports_that_there_are_no_workers(tmp_path: Path) -> None:
     """Begin with none, lose the only one while it computes, and go on each time."""
     lines = list[str]()
     with LocalCluster(n_workers=0, processes=False, protocol='tcp', dashboard_address=None
@@ -103,12 +103,12 @@ def test_a_task_that_kills_every_worker_ends_the_map() -> None:
 
 
 @pytest.mark.parametrize('address', ['nowhere', 'tcp://127.0.0.1:'])
-def test_what_is_no_address(address: str) -> None:
+def test_an_address_without_a_scheduler_is_refused(address: str) -> None:
     with pytest.raises(CtcError, match=f'--scheduler {address}: no scheduler answers: '):
         workers(1, address).__enter__()
 
 
-def test_processes_that_do_not_start_are_said_in_a_line(tmp_path: Path) -> None:
+def test_processes_that_do_not_start_are_reported_in_one_line(tmp_path: Path) -> None:
     """Take a script that ends where the processes that it starts run it again."""
     script = tmp_path / 'script.py'
     script.write_text('from multiprocessing import parent_process\n'

@@ -81,7 +81,7 @@ def test_a_failure_has_a_reason_and_no_numbers() -> None:
 @pytest.mark.parametrize(('error', 'text'), [
     (CtcError('it diverged'), 'it diverged'), (ZeroDivisionError('a\nb'), 'the run failed: '
                                                'ZeroDivisionError: a b')])
-def test_what_a_run_raises_is_its_failure(error: Exception, text: str) -> None:
+def test_an_error_of_a_run_is_its_failure(error: Exception, text: str) -> None:
     def run(_: Setup) -> Result:
         raise error
 
@@ -89,7 +89,7 @@ def test_what_a_run_raises_is_its_failure(error: Exception, text: str) -> None:
 
 
 @pytest.mark.parametrize('error', [MemoryError(), OSError(28, 'no space'), KeyboardInterrupt()])
-def test_what_the_machine_cannot_do_is_none(error: BaseException) -> None:
+def test_an_error_of_the_machine_is_no_failure_of_the_run(error: BaseException) -> None:
     def run(_: Setup) -> Result:
         raise error
 
@@ -97,7 +97,7 @@ def test_what_the_machine_cannot_do_is_none(error: BaseException) -> None:
         score(setup(), run=run)
 
 
-def test_slips_are_those_at_rest() -> None:
+def test_slips_are_counted_at_rest_only() -> None:
     """Check one slip in the window, and those before it, of a short rest and too slow."""
     t, one = np.linspace(0.0, 2.0, 2001), np.zeros((2001, 2))
     dq_d, dq = one.copy(), one.copy()
@@ -111,7 +111,7 @@ def test_slips_are_those_at_rest() -> None:
     np.testing.assert_allclose(slips_at_rest(run, (0.8, 1.6)), [1.0 / 0.801, 0.0], rtol=5e-3)
 
 
-def test_states_are_the_true_ones() -> None:
+def test_numbers_use_true_states() -> None:
     coarse = setup(encoder_resolution=[0.01, 0.01])
     seen = simulate(coarse).run
     true = simulate_truth(coarse).run

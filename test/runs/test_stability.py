@@ -58,7 +58,7 @@ def test_with_enough_ka_the_upper_bound_is_sharp(friction: float) -> None:
     assert beyond > 4.0 * inside
 
 
-def test_what_is_refused() -> None:
+def test_loops_that_are_not_linear_are_refused() -> None:
     with pytest.raises(CtcError, match='chattering sign is not linear'):
         loops({'switching': 'sign'})
     with pytest.raises(CtcError, match='law pd_gravity: its torque is not in proportion to M'):

@@ -43,7 +43,7 @@ def sizes(made: MapRuns) -> list[int]:
     return [len(chunk) for chunk in found]
 
 
-def test_a_chunk_has_so_many_control_steps() -> None:
+def test_the_size_of_a_chunk_follows_steps_and_joints() -> None:
     """Check 4e6 / n² steps of two laws, and that one run is the least."""
     long = {'duration': 100.0, 'axes': None, 'uncertain': None, 'repeats': 1000}
     assert sizes(runs(**long)) == [10] * 200
@@ -69,7 +69,7 @@ def test_a_refused_run_is_a_row() -> None:
     assert reason.startswith('plant: viscous_friction: ')
 
 
-def test_another_version_does_not_compute() -> None:
+def test_a_worker_of_another_version_refuses() -> None:
     with pytest.raises(CtcError, match=r'a worker has version .* not 0\.0\.0; install'):
         store.compute(runs(), '0.0.0', range(1))
 
@@ -96,7 +96,7 @@ CHANGES: list[dict[str, Any]] = [
     {'uncertain': {'other': SMALL['uncertain']['model']}}]
 
 
-def test_keys_change_with_everything_that_matters(tmp_path: Path) -> None:
+def test_a_key_changes_with_every_input(tmp_path: Path) -> None:
     keys = [store.table_metadata(runs(**change))['key'] for change in [{}, *CHANGES]]
     with opened(tmp_path) as made:
         pass
@@ -105,7 +105,7 @@ def test_keys_change_with_everything_that_matters(tmp_path: Path) -> None:
     assert store.table_metadata(runs())['key'] == keys[0]
 
 
-def test_files_matter_by_what_they_contain(tmp_path: Path) -> None:
+def test_a_key_depends_on_the_contents_of_files_only(tmp_path: Path) -> None:
     """Check waypoints under the same path."""
     keys = set()
     for end in (3.0, 3.1):
@@ -171,7 +171,7 @@ def test_rows_are_those_of_the_chunk(tmp_path: Path, there: tuple[int, ...]) -> 
         assert made.rows(range(1), print) is None
 
 
-def test_a_pipe_in_the_place_of_a_chunk_is_not_waited_for(tmp_path: Path) -> None:
+def test_a_pipe_instead_of_a_chunk_does_not_block(tmp_path: Path) -> None:
     lines = list[str]()
     with opened(tmp_path) as made:
         made.write(rows(0), made.file(range(1)))
@@ -183,7 +183,7 @@ def test_a_pipe_in_the_place_of_a_chunk_is_not_waited_for(tmp_path: Path) -> Non
         assert made.rows(range(1), print) is not None
 
 
-def test_a_map_goes_on_and_another_is_refused(tmp_path: Path) -> None:
+def test_the_same_map_continues_and_another_is_refused(tmp_path: Path) -> None:
     with opened(tmp_path) as made:
         made.write(rows(0), made.file(range(1)))
     with opened(tmp_path) as made:
@@ -197,7 +197,7 @@ def key(path: Path) -> str:
     return str(json.loads((path / 'map.json').read_text())['key'])
 
 
-def test_another_map_takes_the_place_of_one_when_it_is_complete(tmp_path: Path) -> None:
+def test_another_map_replaces_the_first_when_it_is_complete(tmp_path: Path) -> None:
     """Stop it in the middle: the old one is there, and the new one goes on where it was."""
     path = tmp_path / 'map'
     with opened(path) as made:
@@ -219,7 +219,7 @@ def test_another_map_takes_the_place_of_one_when_it_is_complete(tmp_path: Path) 
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_third_map_does_not_go_on_with_the_second(tmp_path: Path) -> None:
+def test_a_third_map_does_not_continue_the_second(tmp_path: Path) -> None:
     path = tmp_path / 'map'
     with opened(path) as made:
         made.write(rows(0), made.file(range(1)))

@@ -37,7 +37,6 @@ from ctc_chattering.runs.tune import (
     Candidate,
     GainsScore,
     pareto_front,
-    percentile_of,
     run_trials,
     score_gains,
     search_gains,
@@ -216,7 +215,7 @@ def test_the_points_are_validated_on_all_fresh_draws(tuning: Tuning) -> None:
     assert errors == sorted(errors, reverse=True)
 
 
-def test_others_are_the_file_and_the_recommended_settings(tuning: Tuning) -> None:
+def test_references_are_the_file_and_recommended_settings(tuning: Tuning) -> None:
     found = tuning.spec.references
     assert [x.name for x in tuning.others] == [x.name for x in found] == [
         'file chattering sign', 'recommended chattering implicit_observer',
@@ -271,14 +270,14 @@ def point(error: float, variation: float, allowed: bool = True) -> GainsScore:
 
 
 @pytest.mark.parametrize('n', [1, 3, 20, 32])
-def test_a_percentile_is_the_least_value_that_so_many_do_not_exceed(n: int) -> None:
-    values = random.Random(n).sample(range(100), n)
+def test_a_percentile_is_the_least_error_that_so_many_runs_do_not_exceed(n: int) -> None:
+    errors = random.Random(n).sample(range(100), n)
     for percentile in (1.0, 50.0, 90.0, 95.0, 96.875, 100.0):
-        enough = [x for x in values if sum(y <= x for y in values) >= percentile / 100.0 * n]
-        assert percentile_of(values, percentile) == min(enough)
+        enough = [x for x in errors if sum(y <= x for y in errors) >= percentile / 100.0 * n]
+        assert over([run(float(x)) for x in errors], FREE, percentile).error == min(enough)
 
 
-def test_a_score_has_the_worst_of_what_is_limited_and_the_percentile_of_the_rest() -> None:
+def test_a_score_has_largest_torques_and_percentiles_of_error_and_variation() -> None:
     runs = [run(1.0, 40.0), run(2.0, 30.0, (7.0, 1.0)), run(3.0, 20.0, (1.0, 1.0), (8.0, 2.0)),
             run(4.0, 10.0)]
     found = over(runs, Limits((10.0, 2.0), (4.0, 100.0)), 75.0)
@@ -315,7 +314,7 @@ def test_the_rounding_of_a_rate_is_no_violation() -> None:
 
 
 @pytest.mark.parametrize('seed', range(5))
-def test_the_front_is_what_no_other_beats(seed: int) -> None:
+def test_the_front_has_the_scores_that_no_other_beats(seed: int) -> None:
     """Compare with all pairs; values coincide now and then."""
     draw = random.Random(seed)
     scores = [point(draw.randint(1, 8), draw.randint(1, 8), draw.random() < 0.8)
@@ -356,7 +355,7 @@ def found_by(robot: Robot, trials: int = 60, seed: int = 0) -> list[Trial]:
     return run_trials(robot, RANGES, [{'x': 1.0, 'y': 1.0}], trials, seed)
 
 
-def test_the_same_seed_gives_the_same_trials_whatever_computes_them() -> None:
+def test_the_same_seed_gives_the_same_trials() -> None:
     first, again, other = Robot(), Robot(), Robot()
     trials = found_by(first, 25, 3)
     assert found_by(again, 25, 3) == trials
@@ -368,7 +367,7 @@ def test_the_same_seed_gives_the_same_trials_whatever_computes_them() -> None:
     assert all(r.low <= x[name] <= r.high for x in first.asked for name, r in RANGES.items())
 
 
-def test_numbers_that_are_given_stay(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_number_with_an_empty_range_stays(capsys: pytest.CaptureFixture[str]) -> None:
     ranges = {**RANGES, 'y': Range(0.2, 0.2)}
     numbers = [trial.numbers for trial in run_trials(Robot(), ranges, [], 12, 0)]
     assert {x['y'] for x in numbers} == {0.2}
@@ -376,7 +375,7 @@ def test_numbers_that_are_given_stay(capsys: pytest.CaptureFixture[str]) -> None
     assert capsys.readouterr() == ('', '')
 
 
-def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_or_old_optuna_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as context:
         context.setattr(optuna, '__version__', '4.9.0')
         with pytest.raises(UsageError, match=r"Optuna 5 is needed, .* pip install 'optuna>=5'"):
@@ -386,6 +385,6 @@ def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
         found_by(Robot())
 
 
-def test_ties_go_to_the_first() -> None:
+def test_the_first_of_equal_scores_is_on_the_front() -> None:
     scores = [point(e, v) for e, v in product((1.0, 2.0), (1.0, 2.0))] * 2
     assert pareto_front(scores) == [0]

@@ -73,7 +73,7 @@ def test_by_default_the_recommended_law_is_tuned_for_friction_model_lag_and_nois
     assert (found.file.controller.law, found.file.controller.switching) == ('chattering', 'sign')
 
 
-def test_what_the_file_has_is_uncertain_by_a_factor() -> None:
+def test_known_lag_and_noise_are_uncertain_by_a_factor() -> None:
     """Check lag and noise that are known, and a robot without friction."""
     plant = {'actuator_lag': [0.01, 0.02], 'coulomb_friction': [0.0, 0.0]}
     found = {x.name: x for x in spec({'overrides': {'plant': plant}}).uncertain}
@@ -92,7 +92,7 @@ def test_every_run_starts_smoothly_and_has_no_events() -> None:
     assert slow.setup.reference.start_duration == 3.0
 
 
-def test_draws_are_robots_with_seeds_of_their_own_and_fresh_ones_are_others() -> None:
+def test_fresh_draws_differ_from_those_of_the_search() -> None:
     found = spec({'uncertain': LOAD, 'repeats': 4, 'seed': 7})
     drawn, fresh = MapRuns(found), MapRuns(found.fresh())
     assert len(setups_of(drawn)) == 4
@@ -108,7 +108,7 @@ def test_draws_are_robots_with_seeds_of_their_own_and_fresh_ones_are_others() ->
     assert setups_of(MapRuns(found)) == setups_of(drawn)
 
 
-def test_limits_are_the_least_of_what_is_known() -> None:
+def test_limits_are_the_least_of_the_known_ones() -> None:
     assert spec().limits == ((5100.0, 850.0), (inf, inf))
     known = {'overrides': {
         'controller': {'effort_limit': [400.0, 900.0], 'effort_rate_limit': [1e4, 1e5]},
@@ -143,7 +143,7 @@ def test_ranges_are_those_of_the_law_or_of_the_spec() -> None:
     ({'uncertain': {'noise': {'parameter': 'plant.velocity_noise', 'uniform': [-1, 2]}}}, {},
      'noise = -1: '),
     ({'params_file': 'nothing'}, {}, 'nothing: no such file')])
-def test_what_is_wrong_is_one_line(tree: dict[str, Any], tune: dict[str, Any], words: str
+def test_an_error_in_a_spec_is_one_line(tree: dict[str, Any], tune: dict[str, Any], words: str
                                    ) -> None:
     with pytest.raises(CtcError, match=words) as caught:
         spec(tree, **tune)
@@ -187,7 +187,7 @@ def test_the_first_trial_has_the_gains_of_the_file_the_second_those_that_are_rec
 
 
 @pytest.mark.parametrize('variant', TUNED, ids=lambda x: x.switching or x.law)
-def test_all_that_may_be_tried_is_allowed_and_every_gain_of_the_law_is_searched(
+def test_all_ends_of_ranges_are_allowed_and_every_gain_is_searched(
         variant: LawSettings) -> None:
     config = config_of(variant)
     for end in (0, 1):
@@ -313,7 +313,7 @@ def test_every_delay_that_is_possible_is_drawn_and_all_lags_with_any_of_them(
     assert min(drawn) < 5e-4 and max(drawn) > 6.5e-3
 
 
-def test_bodies_that_are_known_badly_widen_the_model(tmp_path: Path) -> None:
+def test_uncertain_bodies_widen_the_model_scale(tmp_path: Path) -> None:
     spec = identified_spec(written(tmp_path, contents(bodies_uncertainty=0.12)), {})
     assert ranges(spec)['model'] == (0.88, 1.12)
 
@@ -332,7 +332,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         identified_spec(tmp_path, {})
 
 
-def test_what_identify_writes_is_read(tmp_path: Path) -> None:
+def test_the_output_of_identify_is_read(tmp_path: Path) -> None:
     made = short(duration=3.0)
     bag = recorded_bag(tmp_path / 'bag', made)
     out = tmp_path / 'identified'
