@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What tests that inject faults share: diagnostics, malformed messages, and load."""
+"""Help for tests that inject faults: diagnostics, malformed messages, and load."""
 
 from __future__ import annotations
 
@@ -35,19 +35,21 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
-OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+OK = DiagnosticStatus.OK
+WARN = DiagnosticStatus.WARN
+ERROR = DiagnosticStatus.ERROR
 JOINTS = ('joint1', 'joint2')
 #: Report on a topic with several publishers, between its name and theirs.
 CONTESTED = 'has several publishers; messages from all of them are ignored'
 
 
 class Report(NamedTuple):
-    """What a node last said of itself."""
+    """The last diagnostics of a node."""
 
     level: bytes
     message: str
     values: dict[str, str]
-    #: When, on the node's clock [ns].
+    #: Time on the node's clock [ns].
     stamp: int = 0
 
     def count(self, key: str) -> int:
