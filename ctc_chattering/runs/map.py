@@ -147,11 +147,11 @@ def complete_table(runs: RunList, out: Path | None, jobs: int, scheduler: str | 
                     if progress is not None:
                         progress(finished, len(numbers))
             except (CtcError, KeyboardInterrupt) as error:
-                kind = CtcError if isinstance(error, CtcError) else KeyboardInterrupt
-                place = (f'in {directory.path}, run the same command to continue' if out
-                         else 'done')
-                raise kind(f'{str(error) or "stopped"}; {finished} of {len(numbers)} runs are '
-                           f'{place}') from None
+                error_type = CtcError if isinstance(error, CtcError) else KeyboardInterrupt
+                location = (f'in {directory.path}, run the same command to continue' if out
+                            else 'done')
+                raise error_type(f'{str(error) or "stopped"}; {finished} of {len(numbers)} runs are '
+                                 f'{location}') from None
             rows = pyarrow.concat_tables([rows, *tables.values()])
         yield CompleteTable(directory.merge(rows), directory.folder)
 

@@ -367,8 +367,8 @@ def sobol_table(data: MapData) -> Table:
                 continue
             indices, (low, high) = sobol_indices(values, len(data.uncertain))
             rows.append([name, result, *(
-                two_lines(f'{index:.2f}', f'{least:.2f} to {largest:.2f}')
-                for index, least, largest in zip(indices.flat, low.flat, high.flat))])
+                two_lines(f'{index:.2f}', f'{start:.2f} to {end:.2f}')
+                for index, start, end in zip(indices.flat, low.flat, high.flat))])
     heads = [f'{name}{suffix}' for name in data.uncertain for suffix in ('', ', total')]
     return Table('Sobol indices', ['law', 'of', *heads], rows, names=2, note=(
         'The share of the variance of a result that is due to one quantity alone, and in total '

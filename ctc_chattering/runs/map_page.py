@@ -137,12 +137,12 @@ def lead(data: MapData) -> str:
 
 def failure_table(data: MapData) -> Table:
     """Return the table of failures, a row a variant and a column a kind."""
-    kinds = [kind for kind in KINDS if (data.rows['failure'] == kind).any()]
+    kinds = [name for name in KINDS if (data.rows['failure'] == name).any()]
     rows = []
     for v, name in enumerate(data.variants):
         runs = data.variant_rows(v)
         failure = runs['failure']
-        failed = [failure != '', *(failure == kind for kind in kinds)]
+        failed = [failure != '', *map(failure.eq, kinds)]
         error = np.sort(runs['error'])
         quantiles = [error[int(np.ceil(q * len(error))) - 1] for q in (0.5, 0.95)]
         rows.append([
