@@ -150,8 +150,8 @@ def complete_table(runs: RunList, out: Path | None, jobs: int, scheduler: str | 
                 error_type = CtcError if isinstance(error, CtcError) else KeyboardInterrupt
                 location = (f'in {directory.path}, run the same command to continue' if out
                             else 'done')
-                raise error_type(f'{str(error) or "stopped"}; {finished} of {len(numbers)} runs are '
-                                 f'{location}') from None
+                raise error_type(f'{str(error) or "stopped"}; {finished} of {len(numbers)} runs '
+                                 f'are {location}') from None
             rows = pyarrow.concat_tables([rows, *tables.values()])
         yield CompleteTable(directory.merge(rows), directory.folder)
 
