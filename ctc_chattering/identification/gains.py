@@ -18,10 +18,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import dataclasses
-from math import isfinite
+from math import floor, isfinite
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.control.recommended_gains import (
     BANDWIDTH_LAG,
     estimator_bandwidth,
@@ -41,11 +40,11 @@ from ctc_chattering.identification.findings import (
 )
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import (
-    in_digits,
     MeasuredPerturbation,
     perturbation_bound,
 )
 from ctc_chattering.identification.verdict import verdicts
+from ctc_chattering.number_format import round_number, round_towards
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -185,7 +184,7 @@ def recommend(identified: Identification, run: MeasuredPerturbation, model: Mode
     usable = [x.usable for x in verdicts(identified)]
 
     def of_usable(values: Sequence[float] | Array, reason: str) -> tuple[object, str]:
-        return ([rounded(float(x), 6) if good else None for x, good in zip(values, usable)],
+        return ([round_number(float(x), 6) if good else None for x, good in zip(values, usable)],
                 reason)
 
     bandwidth = observer_bandwidth(longest, MOST_BANDWIDTH)
@@ -194,10 +193,10 @@ def recommend(identified: Identification, run: MeasuredPerturbation, model: Mode
         'law': (RECOMMENDED_LAW, 'it inverts the lag of drives, and needs no velocities'),
         'input_delay': (int(delay) if isfinite(delay) else 0,
                         f'samples from a torque to the motion: {delays or "not known"}'),
-        'actuator_lag': ([rounded(x) for x in lag], 'the lag of the drives'),
+        'actuator_lag': ([round_number(x) for x in lag], 'the lag of the drives'),
         'switching': (RECOMMENDED_SWITCHING, 'if you choose law chattering'),
         'observer_bandwidth': (
-            in_digits(bandwidth, 2, np.floor),
+            round_towards(bandwidth, 2, floor),
             f'if you choose it: {BANDWIDTH_LAG:g} / T with the longest lag of the drives that is '
             f'possible, T = {longest:.3g} s, at most {MOST_BANDWIDTH:g} rad/s'),
         'ka': of_usable(bound.ka, bound.reason),
@@ -229,7 +228,7 @@ def _poles(identified: Identification, slower: float, resolution: float) -> Gain
     possible = identified.timing.delays or {0: identified.timing.drive.lag}
     latest = max(_Latest(lateness(float(lags.max()), period, delay), float(lags.max()), delay)
                  for delay, lags in possible.items())
-    pole = in_digits(slower * largest_pole(latest.lateness), 2, np.floor)
+    pole = round_towards(slower * largest_pole(latest.lateness), 2, floor)
     ratio = estimator_bandwidth(1.0, resolution)
     return {'kp': ([pole ** 2] * n, f'a double pole at p = {pole:g} rad/s, p (T + h (1 + d)) = '
                    f'{pole * latest.lateness:.2g} ≤ {MAX_POLE_LATENESS:g} with '

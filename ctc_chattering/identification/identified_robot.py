@@ -54,7 +54,8 @@ from ctc_chattering.identification.trial_runs import (
     Values,
 )
 from ctc_chattering.numerics.angles import unwrapped
-from ctc_chattering.output_files import check_format, new_folder, write_json, write_text
+from ctc_chattering.output_files import check_format, write_json, write_text
+from ctc_chattering.output_folder import new_folder
 from ctc_chattering.parameters import check_not_empty, checked_integer, LEAST, Parameter
 import numpy as np
 

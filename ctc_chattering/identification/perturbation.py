@@ -20,18 +20,18 @@ P is the torque that the controller's model lacks: friction, and errors of the m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 import dataclasses
-from math import floor, log10, pi
+from math import ceil, pi
 from typing import NamedTuple
 
-from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.findings import Estimate, Finding, Reason, Severity
 from ctc_chattering.identification.friction import JointFriction
 from ctc_chattering.identification.friction_terms import TermKind
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.verdict import verdicts
+from ctc_chattering.number_format import format_numbers, round_towards
 from ctc_chattering.numerics.linear_algebra import Array, Flags
 import numpy as np
 
@@ -375,12 +375,13 @@ def perturbation_bound(identified: Identification, run: MeasuredPerturbation, mo
         identified, np.linspace(0.0, limits.velocity, SPEEDS),
         np.tile(load, (SPEEDS, 1)), 1.0).max(axis=0)
     peak = np.maximum(run.peak, friction + error + run.tail)
-    ka = np.array([in_digits(MARGIN * p, 3, np.ceil) for p in peak])
+    ka = np.array([round_towards(MARGIN * p, 3, ceil) for p in peak])
     usable = [x.usable for x in verdicts(identified)]
 
     def listed(values: Array) -> str:
-        return ', '.join(f'{round(x, 6):.3g}' if good else '-'
-                         for x, good in zip(values.tolist(), usable))
+        return format_numbers([
+            round(x, 6) if good else None for x, good in zip(values.tolist(), usable)],
+            separator=', ')
 
     reason = (
         f'{MARGIN:g} times the largest |P| up to {listed(limits.velocity)} rad/s, the limits of '
@@ -400,11 +401,3 @@ def _doubts(peak: Array, ka: Array, effort: Array) -> Iterator[Finding]:
             Reason.GAINS, Severity.CARE, joint, f'|P| reaches {peak[joint]:.3g} N*m as fast as '
             f'the limits allow; ka = {ka[joint]:.3g} N*m is cut to its effort limit, '
             f'{effort[joint]:.3g} N*m', 'Correct the model, or move more slowly')
-
-
-def in_digits(value: float, digits: int, rounding: Callable[[float], float]) -> float:
-    """Return a value >= 0 with some digits, rounded by `np.ceil` or `np.floor`."""
-    if value <= 0.0:
-        return 0.0
-    unit = 10.0 ** (floor(log10(value)) - digits + 1)
-    return rounded(float(rounding(round(value / unit, 9)) * unit), 6)

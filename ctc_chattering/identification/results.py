@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 from ctc_chattering.analysis import page
 from ctc_chattering.analysis.markup import fragment
 from ctc_chattering.analysis.page import FigureFile
-from ctc_chattering.analysis.tables import fitted, paragraph, shown, Table
+from ctc_chattering.analysis.tables import fitted, paragraph, Table
 from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Severity
 from ctc_chattering.identification.friction import NUMBERS
 from ctc_chattering.identification.gains import Recommendation
@@ -40,6 +40,7 @@ from ctc_chattering.identification.verdict import (
     verdicts,
     WORDS,
 )
+from ctc_chattering.number_format import format_numbers, format_value
 
 #: Cell of a number that there is none of; why is in the verdict, or in the JSON file.
 NO_NUMBER = '-'
@@ -174,15 +175,17 @@ class IdentificationResults:
             f'delay of the torque: {known} samples' if known else
             'the delay is not identifiable: no commanded torque in the bag',
             f'torques are taken from the {timing.source}']
-        yield 'Gains', [f'{name} = {shown(self._usable(value))}: {why}'
+        yield 'Gains', [f'{name} = {self._usable(value)}: {why}'
                         for name, (value, why) in self.recommended.values.items()]
         yield 'Trial runs', list(self.recommended.trials) or ['The gains were not tried.']
 
-    def _usable(self, value: object) -> object:
-        """Return a parameter with None for the joints that are not usable."""
-        if not isinstance(value, list) or len(value) != len(self.verdicts):
-            return value
-        return [x if verdict.usable else None for x, verdict in zip(value, self.verdicts)]
+    def _usable(self, value: Any) -> str:
+        """Return the text of a parameter, with `-` for the joints that are not usable."""
+        if not isinstance(value, list):
+            return format_value(value)
+        if len(value) == len(self.verdicts):
+            value = [x if verdict.usable else None for x, verdict in zip(value, self.verdicts)]
+        return f'[{format_numbers(value, 4, ", ")}]'
 
     def text(self) -> str:
         """Return it for a terminal, in lines of at most `WIDTH` characters."""

@@ -149,7 +149,8 @@ def _condition_runs(path: Path, condition: Sequence[Case], law: LawSettings
         overrides = merge_overrides(case.overrides, {'controller': values})
         setup = parameter_file.load(path, overrides)
         if setup.plant.duration == 0.0:
-            raise ParameterError(f'{path}: duration', 0.0, 'a number > 0, for every run must end')
+            raise ParameterError(
+                f'{path}: duration', 0.0, 'a number > 0, since every run must end')
         yield ListedRun({
             'file': str(path), 'experiment': setup.plant.experiment, 'condition': case.title,
             'held_out': int(case.is_held_out), **law.columns, 'part': case.run_name,

@@ -21,9 +21,8 @@ law on a robot under a condition, and all tables and figures show these.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 import dataclasses
-from functools import partial
 import itertools
 import json
 from math import inf
@@ -36,10 +35,11 @@ from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.tables import bold, csv_text, markdown, markdown_table, Table
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.number_format import format_number
 from ctc_chattering.output_files import file_stem, write_text
 from ctc_chattering.runs.conditions import CONDITIONS
+from ctc_chattering.runs.law_figures import draw_panels, draw_trade_off, law_styles
 from ctc_chattering.runs.recommended import BASELINE, BEST, LawSettings
-from ctc_chattering.runs.run_figures import draw_panels, draw_trade_off, law_styles
 from ctc_chattering.runs.run_lists import RunList
 from ctc_chattering.runs.score import PER_JOINT, Score
 from ctc_chattering.runs.store import FIGURES, PAGE
@@ -135,24 +135,14 @@ def tables(results: Sequence[Outcome]) -> Iterator[Table]:
     """
     Yield the tables of robustness, errors and torque.
 
-    `least` is the smallest ratio of the errors of all joints to that of `BASELINE`. The first
-    tables are there with held-out conditions only.
+    Those of robustness are there with held-out conditions only, and come first.
     """
     for group in sorted(grouped(results), key=lambda group: not group[0].is_held_out):
-        first = group[0]
-        if first.is_held_out:
+        if group[0].is_held_out:
             yield _robustness_table(group)
-            continue
-        yield Table(
-            bold(first.title) + ': RMS error [rad], 5 s ≤ t ≤ 10 s',
-            [*LAW_COLUMNS, *first.joints, 'least', 'peak torque [N·m]'],
-            _rows(group, partial(_error_cells, base=first)), len(LAW_COLUMNS))
-        has_stops = first.condition in CONDITIONS and CONDITIONS[first.condition].stops
-        slips = ' / stick-slips at rest [1/s]' if has_stops else ''
-        yield Table(
-            bold(first.title) + ': torque variation [N·m/s] / largest step [N·m] / largest rate '
-            f'[N·m/s]{slips}', [*LAW_COLUMNS, *first.joints],
-            _rows(group, partial(_torque_cells, has_stops=has_stops)), len(LAW_COLUMNS))
+        else:
+            yield _error_table(group)
+            yield _torque_table(group)
 
 
 def _robustness_table(group: Sequence[Outcome]) -> Table:
@@ -195,43 +185,66 @@ class Number(NamedTuple):
     text: str
 
 
-def _error_cells(outcome: Outcome, base: Outcome) -> list[list[Number]]:
-    """Return the numbers in cells of the first table."""
-    score = outcome.score
-    errors = [Number(x, f'{x:.1e}') for x in score.rms]
-    gain = min(a / b if b else inf for a, b in zip(base.score.rms, score.rms))
-    text = f'{gain:.2g}×' if gain < 100.0 else f'{gain:.0f}×'
-    ratio = Number(-gain, '' if outcome.law == BASELINE else text)
-    peak = max(score.peak)
-    return [[number] for number in (*errors, ratio, Number(peak, f'{peak:.0f}'))]
+def _error_table(group: Sequence[Outcome]) -> Table:
+    """Return errors, their smallest ratio to those of `BASELINE`, and largest torque."""
+    lines = []
+    for x in group:
+        line = [Number(error, f'{error:.1e}') for error in x.score.rms]
+        if line:
+            gain = min(a / b if b else inf for a, b in zip(group[0].score.rms, x.score.rms))
+            peak = max(x.score.peak)
+            line.append(Number(-gain, '' if x.law == BASELINE else f'{format_number(gain, 2)}×'))
+            line.append(Number(peak, f'{peak:.0f}'))
+        lines.append(line)
+    return Table(
+        bold(group[0].title) + ': RMS error [rad], 5 s ≤ t ≤ 10 s',
+        [*LAW_COLUMNS, *group[0].joints, 'least', 'peak torque [N·m]'],
+        _rows(group, lines), len(LAW_COLUMNS))
 
 
-def _torque_cells(outcome: Outcome, has_stops: bool) -> list[list[Number]]:
-    """Return the numbers in cells of the second table."""
-    score = outcome.score
-    columns = [(score.variation, '.0f'), (score.step, '.2g'), (score.rate, '.0f'),
-               *([(score.slips, '.2g')] if has_stops else [])]
-    numbers = [[Number(x, f'{x:{form}}') for x in values] for values, form in columns]
-    return [list(cell) for cell in zip(*numbers)]
+def _torque_table(group: Sequence[Outcome]) -> Table:
+    """Return changes of the torque, and stick-slips of a condition with stops."""
+    condition = CONDITIONS.get(group[0].condition)
+    has_stops = condition is not None and condition.stops
+    lines = []
+    for x in group:
+        columns = [(x.score.variation, '.0f'), (x.score.step, '.2g'), (x.score.rate, '.0f')]
+        if has_stops:
+            columns.append((x.score.slips, '.2g'))
+        lines.append([Number(value, f'{value:{form}}')
+                      for values, form in columns for value in values])
+    slips = ' / stick-slips at rest [1/s]' if has_stops else ''
+    return Table(
+        bold(group[0].title) + ': torque variation [N·m/s] / largest step [N·m] / largest rate '
+        f'[N·m/s]{slips}', [*LAW_COLUMNS, *group[0].joints],
+        _rows(group, lines, len(group[0].joints)), len(LAW_COLUMNS))
 
 
-def _rows(group: Sequence[Outcome], cells: Callable[[Outcome], list[list[Number]]]
+def _rows(group: Sequence[Outcome], lines: Sequence[Sequence[Number]], cells: int = 0
           ) -> list[list[str]]:
-    """Return rows with the smallest numbers bold."""
-    content = [[] if x.score.failure else cells(x) for x in group]
-    columns = list(zip(*filter(None, content)))
-    smallest = [[min(numbers).value for numbers in zip(*column)] for column in columns]
+    """
+    Return rows with the smallest numbers bold.
+
+    Parameters
+    ----------
+    group : sequence of Outcome
+        Laws of the rows.
+    lines : sequence of sequence of Number
+        Numbers of each row, none of a law that diverged.
+    cells : int
+        Cells that share the numbers in turn, by default one for each.
+
+    """
+    columns = list(zip(*filter(None, lines)))
+    smallest = [min(column).value for column in columns]
+    cells = cells or len(columns)
     rows = []
-    for outcome, numbers in zip(group, content):
-        texts = list(map(_cell, numbers, smallest)) if numbers else ['diverged'] * len(columns)
-        rows.append([*outcome.law.columns.values(), *texts])
+    for outcome, line in zip(group, lines):
+        texts = [bold(text) if value == best and text else text
+                 for (value, text), best in zip(line, smallest)]
+        row = [Markup(' / ').join(texts[k::cells]) for k in range(cells)]
+        rows.append([*outcome.law.columns.values(), *(row if line else ['diverged'] * cells)])
     return rows
-
-
-def _cell(numbers: Sequence[Number], smallest: Sequence[float]) -> str:
-    """Return the text of a cell, smallest numbers bold."""
-    return Markup(' / ').join(bold(number.text) if number.value == best and number.text
-                              else number.text for number, best in zip(numbers, smallest))
 
 
 def to_markdown(results: Sequence[Outcome]) -> str:

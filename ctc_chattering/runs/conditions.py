@@ -144,7 +144,7 @@ class Condition:
         """
         if not self.fits(setup):
             needed = 'a motion without waypoints' if self.stops else 'a robot in a URDF'
-            raise UsageError(f'condition {self.name} needs {needed}')
+            raise UsageError(f'condition {self.name} needs {needed}; choose another condition')
         friction = setup.plant.coulomb_friction
         n = len(friction)
         plant = {name: [x] * n if PlantConfig.parameters()[name].shape else x

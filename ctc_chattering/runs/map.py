@@ -28,11 +28,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.tables import counted
 from ctc_chattering.configuration.compilation import compile_setups, required_codes
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.errors import CtcError
-from ctc_chattering.output_files import check_format, OutputFolder
+from ctc_chattering.number_format import format_count
+from ctc_chattering.output_files import check_format
+from ctc_chattering.output_folder import OutputFolder
 from ctc_chattering.parameters import checked_integer
 from ctc_chattering.runs import cluster, pool, store
 from ctc_chattering.runs.run_lists import MapRuns, RunList
@@ -135,7 +136,7 @@ def complete_table(runs: RunList, out: Path | None, jobs: int, scheduler: str | 
             tables = {file: directory.rows(chunk, show) for file, chunk in chunks.items()}
             missing = {file: chunks[file] for file, table in tables.items() if table is None}
             finished = len(numbers) - sum(map(len, missing.values()))
-            show(f'{len(numbers)} runs in {counted(len(chunks), "chunk")}, '
+            show(f'{len(numbers)} runs in {format_count(len(chunks), "chunk")}, '
                  f'{finished} of them computed')
             if missing and execute is None:
                 execute = _executor(stack, runs, jobs, scheduler, show)
@@ -162,11 +163,11 @@ def _executor(stack: ExitStack, runs: RunList, jobs: int, scheduler: str | None,
     """Return the function that computes chunks; its processes end with `stack`."""
     if scheduler is not None:
         client = stack.enter_context(cluster.connect_cluster(scheduler))
-        show(counted(pool.threads(client, show), 'worker'))
+        show(format_count(pool.threads(client, show), 'worker'))
         return partial(cluster.run_on_cluster, client, runs)
     compile_setups(runs.examples(), show)
     if jobs == 1:
         return lambda chunks: pool.run_serially(store.compute, chunks, runs, '')
     client = stack.enter_context(pool.workers(jobs))
-    show(counted(pool.threads(client, show), 'worker'))
+    show(format_count(pool.threads(client, show), 'worker'))
     return lambda chunks: pool.run_on_workers(client, store.compute, chunks, runs, '')

@@ -27,6 +27,7 @@ from typing import Any
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.drawing import legend, legend_of
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.runs.law_figures import law_styles
 from ctc_chattering.runs.map_data import (
     Counts,
     failure_share,
@@ -36,7 +37,6 @@ from ctc_chattering.runs.map_data import (
     spaced_indices,
     wilson_interval,
 )
-from ctc_chattering.runs.run_figures import law_styles
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, LogNorm, Normalize

@@ -27,7 +27,8 @@ from typing import Any
 
 from ctc_chattering.analysis.drawing import save
 from ctc_chattering.analysis.page import FigureFile, Folded, Section, write_page
-from ctc_chattering.analysis.tables import counted, Table, two_lines
+from ctc_chattering.analysis.tables import Table, two_lines
+from ctc_chattering.number_format import format_count
 from ctc_chattering.runs.map_data import (
     compare_with_base,
     KINDS,
@@ -124,11 +125,11 @@ def headline(data: MapData) -> str:
 
 def lead(data: MapData) -> str:
     """Return the size of the map in a sentence."""
-    text = counted(len(data.variants), 'law')
+    text = format_count(len(data.variants), 'law')
     if data.axes:
         axes = ' × '.join(axis.name for axis in data.axes)
-        text += f' over {axes}, {counted(int(np.prod(data.shape)), "point")}'
-    text += f': {counted(len(data.rows), "run")}'
+        text += f' over {axes}, {format_count(int(np.prod(data.shape)), "point")}'
+    text += f': {format_count(len(data.rows), "run")}'
     if not data.refined:
         return f'{text}.'
     return (f'{text} near the boundary only. Any other point is shown as the nearest one that was '

@@ -178,7 +178,7 @@ class RunList:
 
     @property
     def joint_count(self) -> int:
-        """Number of joints that the table has columns for."""
+        """Largest number of joints, for which the table has columns."""
         return len(self.robot.controller.joint_names)
 
     @property

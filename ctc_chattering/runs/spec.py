@@ -71,7 +71,7 @@ class Quantity:
 
     @property
     def unit(self) -> str:
-        """Unit of the number, empty for a factor."""
+        """Physical unit of the number, empty for a factor."""
         return '' if self.factor else self.targets[0][1].unit
 
     @property
@@ -368,12 +368,12 @@ class MapSpec:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Number of values of each axis."""
+        """Lengths of the axes."""
         return tuple(len(axis.values) for axis in self.axes)
 
     @property
     def runs(self) -> int:
-        """Number of runs."""
+        """Total number of runs."""
         return prod(self.shape) * len(self.variants) * self.repeats.repeats
 
 
@@ -463,7 +463,7 @@ def read_setup(values: Mapping[str, Any], beside: Path) -> Setup:
         overrides = {**overrides, 'plant': plant}
     setup = parameter_file.load(find_config(name, beside), overrides)
     if setup.plant.duration == 0.0:
-        raise ParameterError('duration', 0.0, 'a number > 0, for every run must end')
+        raise ParameterError('duration', 0.0, 'a number > 0, since every run must end')
     return setup
 
 

@@ -21,10 +21,9 @@ Stability margins of the loop of a parameter file.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 import math
 
-from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
@@ -36,6 +35,7 @@ from ctc_chattering.margins.loop_margins import (
     RATIOS,
     StableRange,
 )
+from ctc_chattering.number_format import round_towards
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.parameters import matrix
@@ -55,7 +55,7 @@ def loops_of(setup: Setup) -> Loops:
     Raises
     ------
     CtcError
-        If the law is not linear, or its torque not in proportion to M̂.
+        If the law is not linear, or its torque not proportional to M̂.
 
     """
     config, plant = setup.controller, setup.plant
@@ -83,8 +83,8 @@ def _check_proportion(config: ControllerConfig, law: LinearLaw, mass: Array) -> 
     """Refuse a law whose torque is not proportional to M̂."""
     response = linear_law(config, mass).response()
     if not np.abs(mass @ law.response() - response).max() <= 1e-3 * np.abs(response).max():
-        raise CtcError(f'law {config.law}: its torque is not in proportion to M of the model; its '
-                       'stability is not computed')
+        raise CtcError(f'law {config.law}: its torque is not proportional to the mass matrix of '
+                       'its model, so that its stability cannot be computed')
 
 
 def _joints_are_equal(config: ControllerConfig, lags: Array) -> bool:
@@ -128,7 +128,7 @@ def stability(setup: Setup) -> Margins:
     Raises
     ------
     CtcError
-        If the law is not linear, or its torque not in proportion to M of the model.
+        If the law is not linear, or its torque not proportional to M of the model.
 
     Examples
     --------
@@ -149,7 +149,7 @@ def margin_rows(margins: Margins, period: float) -> Iterator[tuple[str, str]]:
     """
     if margins.radius < 1.0:
         slowest = -1e3 * period / math.log(margins.radius)
-        yield 'slowest time constant, model exact', f'{_two_digits(slowest, math.ceil)} ms'
+        yield 'slowest time constant, model exact', f'{round_towards(slowest, 2, math.ceil):g} ms'
     else:
         yield 'model exact', f'unstable: a pole at {margins.radius:.3g}'
     yield 'M of the model / M of the robot, constant', range_text(margins.ratios)
@@ -164,9 +164,9 @@ def range_text(stable: StableRange | None, factor: float = 1.0, unit: str = '') 
     """Return an interval, rounded inwards."""
     if stable is None:
         return 'none'
-    low = _two_digits(factor * stable.low, math.ceil)
-    high = _two_digits(factor * stable.high, math.floor)
-    return f'{low} to {high}{unit}'
+    low = round_towards(factor * stable.low, 2, math.ceil)
+    high = round_towards(factor * stable.high, 2, math.floor)
+    return f'{low:g} to {high:g}{unit}'
 
 
 def _delays_text(delays: Sequence[int]) -> str:
@@ -174,11 +174,3 @@ def _delays_text(delays: Sequence[int]) -> str:
     if len(delays) > 1 and delays[-1] - delays[0] == len(delays) - 1:
         return f'{delays[0]} to {delays[-1]}'
     return ', '.join(map(str, delays))
-
-
-def _two_digits(x: float, round_to: Callable[[float], int]) -> str:
-    """Return a number rounded up or down to two digits."""
-    if not 0.0 < x < math.inf:
-        return f'{x:g}'
-    step = 10.0 ** (math.floor(math.log10(x)) - 1)
-    return f'{rounded(round_to(x / step) * step, 2):g}'

@@ -36,15 +36,8 @@ import ctc_chattering
 from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.input_files import read_bytes, read_text
-from ctc_chattering.output_files import (
-    beside,
-    check_owner,
-    finite,
-    held,
-    OutputFolder,
-    read_contents,
-    writing,
-)
+from ctc_chattering.output_files import finite, writing
+from ctc_chattering.output_folder import beside, check_owner, held, OutputFolder, read_contents
 from ctc_chattering.runs.run_lists import RunList
 import numpy as np
 import numpy.typing as npt
@@ -263,8 +256,8 @@ def open_directory(path: Path, metadata: Mapping[str, Any], columns: pyarrow.Sch
                 raise CtcError(f'{path / name}: was changed since {owner} wrote it; move it '
                                'away, or choose another --out')
         if not overwrite and _existing_key(target, command) not in ('', metadata['key']):
-            raise CtcError(f'{path}: the output of {owner} of another spec or version is '
-                           'there; choose another --out, or --overwrite')
+            raise CtcError(f'{path}: there is output of {owner} for another spec or version; '
+                           'choose another --out, or replace it with --overwrite')
         if not overwrite or not contents.output:
             yield Directory(folder, metadata, columns, command)
             return

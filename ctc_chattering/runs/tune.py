@@ -140,7 +140,8 @@ def score_gains(runs: pandas.DataFrame, limits: Limits, percentile: float) -> Ga
         excess[name] = used - (1.0 + 1e-9)  # Rounding of a torque at its limit is no excess.
     bounds = np.percentile(runs[['error', 'variation']].fillna(math.inf), percentile, axis=0,
                            method='inverted_cdf')
-    return GainsScore(*bounds.tolist(), largest[TORQUE], largest[RATE], excess)
+    error, variation = bounds.tolist()
+    return GainsScore(error, variation, largest[TORQUE], largest[RATE], excess)
 
 
 def pareto_front(scores: Sequence[GainsScore]) -> list[int]:

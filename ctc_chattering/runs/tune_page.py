@@ -30,11 +30,13 @@ from typing import Any
 from ctc_chattering.analysis import drawing, page
 from ctc_chattering.analysis.drawing import legend_of
 from ctc_chattering.analysis.page import FigureFile
-from ctc_chattering.analysis.tables import columns, number_text, rounded, Table
+from ctc_chattering.analysis.tables import columns, Table
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.output_files import check_format, new_folder, replacing, write_json
-from ctc_chattering.runs.run_figures import draw_panels, draw_trade_off, Mark
+from ctc_chattering.number_format import format_joint_values, round_number
+from ctc_chattering.output_files import check_format, replacing, write_json
+from ctc_chattering.output_folder import new_folder
+from ctc_chattering.runs.law_figures import draw_panels, draw_trade_off, Mark
 from ctc_chattering.runs.spec import spec_rows
 from ctc_chattering.runs.store import write_table
 from ctc_chattering.runs.tune import (
@@ -79,7 +81,7 @@ def fact_rows(tuning: Tuning) -> Iterator[tuple[str, str]]:
     for name, limit, unit in ((TORQUE, spec.limits.torque, 'N·m'),
                               (RATE, spec.limits.rate, 'N·m/s')):
         yield f'limit of the {name}', (
-            'none' if min(limit) == inf else f'{number_text(limit)} {unit}')
+            'none' if min(limit) == inf else f'{format_joint_values(limit)} {unit}')
     counts = {name: sum(trial.score.excess[name] > 0.0 for trial in tuning.trials)
               for name in CONSTRAINTS}
     yield 'trials that violate', ', '.join(
@@ -103,8 +105,9 @@ def candidate_table(tuning: Tuning) -> list[list[str]]:
             *_gain_texts(tuning.spec.setup.controller.changed(candidate.values), gains),
             f'{drawn.error:.3g}', f'{fresh.error:.3g}',
             f'{drawn.variation:.4g}', f'{fresh.variation:.4g}',
-            number_text([*map(rounded, fresh.torque)], _MAX_JOINTS),
-            number_text([*map(rounded, fresh.rate)], _MAX_JOINTS), violation_text(fresh)])
+            format_joint_values([*map(round_number, fresh.torque)], _MAX_JOINTS),
+            format_joint_values([*map(round_number, fresh.rate)], _MAX_JOINTS),
+            violation_text(fresh)])
     return rows
 
 
@@ -114,7 +117,7 @@ def _gain_texts(config: ControllerConfig, gains: Sequence[str]) -> Iterator[str]
     searched = space(config)
     for name in gains:
         is_shown = config.takes(name) and (name in searched or name not in SPACE)
-        yield number_text(values[name], _MAX_JOINTS) if is_shown else ''
+        yield format_joint_values(values[name], _MAX_JOINTS) if is_shown else ''
 
 
 def notes(tuning: Tuning) -> Iterator[str]:

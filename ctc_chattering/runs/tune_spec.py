@@ -30,7 +30,6 @@ from math import inf, sqrt
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.package_share import find_config
@@ -40,9 +39,10 @@ from ctc_chattering.control.laws.registry import laws_by_parameter, OF_SWITCHING
 from ctc_chattering.control.recommended_gains import RECOMMENDED_LAW, RECOMMENDED_SWITCHING
 from ctc_chattering.errors import CtcError, ParameterError, prefixed
 from ctc_chattering.input_files import read_text
+from ctc_chattering.number_format import round_number
 from ctc_chattering.parameters import LEAST
 from ctc_chattering.runs.conditions import MIN_START_DURATION_S
-from ctc_chattering.runs.recommended import LawSettings, recommended_setup
+from ctc_chattering.runs.recommended import FILE, LawSettings, RECOMMENDED, recommended_setup
 from ctc_chattering.runs.score import torque_limits
 from ctc_chattering.runs.spec import (
     Failure,
@@ -209,8 +209,8 @@ class TuneSpec(MapSpec):
     def gains(self, numbers: Mapping[str, float]) -> dict[str, Any]:
         """Return the gains that numbers mean, to four digits."""
         values = gains(numbers, self.setup.controller, self.setup.plant.coulomb_friction)
-        return {name: [rounded(x, 4) for x in value] if isinstance(value, list)
-                else rounded(value, 4) for name, value in values.items()}
+        return {name: [round_number(x, 4) for x in value] if isinstance(value, list)
+                else round_number(value, 4) for name, value in values.items()}
 
     def law(self, name: str, numbers: Mapping[str, float]) -> LawSettings:
         """Return the tuned law with its gains."""
@@ -222,15 +222,16 @@ class TuneSpec(MapSpec):
     def references(self) -> tuple[LawSettings, ...]:
         """Laws to compare with: gains of the file and recommended."""
         tuned = self.setup.controller
-        setups = {'file': self.file, **{f'recommended {law}': recommended_setup(self.file, law)
-                                        for law in (tuned.law, RECOMMENDED_LAW)}}
+        by_rule = [recommended_setup(self.file, law)
+                   for law in dict.fromkeys((tuned.law, RECOMMENDED_LAW))]
         laws = []
-        for name, setup in setups.items():
+        for setup in (self.file, *by_rule):
             config = setup.controller
-            words = (name, '' if config.law in name else config.law, config.switching_in_force)
-            values = {key: x for key, x in config.as_mapping().items()
-                      if x != tuned.as_mapping()[key]}
-            laws.append(LawSettings(config.law, config.switching_in_force, values=values,
+            switching = config.switching_in_force
+            words = (FILE if setup is self.file else RECOMMENDED, config.law, switching)
+            values = {name: x for name, x in config.as_mapping().items()
+                      if x != tuned.as_mapping()[name]}
+            laws.append(LawSettings(config.law, switching, values=values,
                                     name=' '.join(filter(None, words))))
         return tuple(laws)
 

@@ -28,7 +28,7 @@ from typing import Any
 
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.output_files import held, LIST
+from ctc_chattering.output_folder import held, LIST
 from ctc_chattering.runs import store
 from ctc_chattering.runs.run_lists import MapRuns
 from ctc_chattering.runs.spec import read_spec
@@ -151,7 +151,7 @@ def test_results(tmp_path: Path) -> None:
     with held(out, 'ctc map'):
         refused(ctc(*words), f'{out}: another process is writing there')
     written(spec, seed=8)
-    refused(ctc(*words), f'{out}: the output of ctc map of another spec or version',
+    refused(ctc(*words), f'{out}: there is output of ctc map for another spec or version',
             '--overwrite')
     assert tables(out) == before
 

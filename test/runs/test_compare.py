@@ -32,7 +32,8 @@ from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory, find_config
 from ctc_chattering.control.laws.registry import LAWS, SWITCHINGS
 from ctc_chattering.errors import CtcError
-from ctc_chattering.output_files import finite, LIST
+from ctc_chattering.output_files import finite
+from ctc_chattering.output_folder import LIST
 from ctc_chattering.runs import compare_page
 from ctc_chattering.runs.compare import ComparisonRuns, ComparisonSpec
 from ctc_chattering.runs.compare_page import Outcome, outcomes, write_parameters
@@ -299,7 +300,7 @@ def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Pa
     assert '4 runs in 4 chunks, 4 of them computed' in again.stderr
     assert len((out / 'compare.csv').read_text().splitlines()) == 1 + 2 * 2 * 2
     refused(ctc(*arguments, '--seed', 3, '--held-out', 1, '--out', out),
-            'the output of ctc compare of another spec or version', '--overwrite')
+            'there is output of ctc compare for another spec or version', '--overwrite')
 
 
 @pytest.mark.slow

@@ -86,7 +86,7 @@ def test_a_line_reports_that_there_are_no_workers(tmp_path: Path) -> None:
         assert lines == [f'waiting for workers at {cluster.scheduler_address}']
         threading.Thread(target=lose).start()
         assert list(run_on_workers(client, until_there, [str(tmp_path / 'lost')],
-                             str(tmp_path / 'begun'))) == [2]
+                                   str(tmp_path / 'begun'))) == [2]
 
 
 def test_workers_leave_interrupts_to_this_process(client: Any) -> None:

@@ -44,7 +44,7 @@ import numpy as np
 import pyarrow
 import pytest
 from scipy import stats  # type: ignore[import-untyped]
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import distance_transform_edt  # type: ignore[import-untyped]
 
 FRICTION = Path(__file__).parents[2] / 'config' / 'friction.yaml'
 

@@ -188,7 +188,7 @@ def test_the_same_map_continues_and_another_is_refused(tmp_path: Path) -> None:
         made.write(rows(0), made.file(range(1)))
     with opened(tmp_path) as made:
         assert made.rows(range(1), print) is not None
-    with (pytest.raises(CtcError, match=r'of another spec or version.* --overwrite'),
+    with (pytest.raises(CtcError, match=r'for another spec or version.* --overwrite'),
           opened(tmp_path, 'two')):
         pass
 

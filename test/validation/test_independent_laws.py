@@ -157,7 +157,7 @@ def test_the_law_that_docs_paper_tries() -> None:
 def test_gains_follow_what_is_slow(h: float, lag: float, delay: int, pole: float) -> None:
     """Check p (T + h (1 + delay)) <= 0.4, and what is made of p."""
     case = Case('x', {'/**': {'control_period': h}, 'controller': {'input_delay': delay},
-                           'plant': {'actuator_lag': [lag, lag], 'duration': 1.0}})
+                      'plant': {'actuator_lag': [lag, lag], 'duration': 1.0}})
     config = recommended_setup(case_setup(case), 'observer_feedback').controller
     assert (config.kp[0], config.kv[0]) == pytest.approx((pole ** 2, 2.0 * pole))
     assert config.estimator_bandwidth == pytest.approx(2.0 * pole)

@@ -25,7 +25,7 @@ from itertools import cycle
 from typing import Any
 
 from ctc_chattering.analysis import drawing
-from ctc_chattering.analysis.result import LAW_COLOURS, MIXED, shaded
+from ctc_chattering.analysis.run_names import LAW_COLOURS, SEVERAL_LAWS_COLOUR, shaded
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
@@ -41,7 +41,7 @@ def law_styles(laws: Sequence[str]) -> list[dict[str, Any]]:
 
     They are also distinct without colour.
     """
-    colours = shaded([LAW_COLOURS.get(law, MIXED) for law in laws])
+    colours = shaded([LAW_COLOURS.get(law, SEVERAL_LAWS_COLOUR) for law in laws])
     dashes: list[Any] = ['-', (0, (5, 1.5)), (0, (2.5, 1.2)), '-.', (0, (1, 1))]
     return [{'color': colour, 'marker': marker, 'linestyle': dash}
             for colour, marker, dash in zip(colours, cycle('so^Dv<P>X'), cycle(dashes))]
