@@ -24,7 +24,8 @@ import re
 from ctc_chattering.cli.ctc import main as ctc
 
 DOCS = Path(__file__).resolve().parents[1] / 'docs'
-PAGE, README = DOCS / 'comparison.md', DOCS.parent / 'README.md'
+PAGE = DOCS / 'comparison.md'
+README = DOCS.parent / 'README.md'
 #: A block of a page, and the directory in docs/ that it shows.
 _BLOCK = re.compile(r'(<!-- tables: (\S+) -->\n).*?(<!-- end of tables -->)', re.DOTALL)
 #: Rows of README: law, switching, settings.

@@ -42,8 +42,10 @@ from ctc_chattering.runs.score import Score, score
 
 #: Groups of cases.
 BASIC = 'Basic cases'
-PERIOD, GAIN = 'Sample period', 'Gain'
-NOISE, SHORT_NOISE = 'Velocity noise', 'Velocity noise, h = 0.5 ms'
+PERIOD = 'Sample period'
+GAIN = 'Gain'
+NOISE = 'Velocity noise'
+SHORT_NOISE = 'Velocity noise, h = 0.5 ms'
 #: Gain of the chattering term, unless a case has another [N·m].
 KA = 12.0
 

@@ -69,7 +69,10 @@ from matplotlib.ticker import MaxNLocator, NullFormatter
 import numpy as np
 from PIL import Image
 
-_DASHED, _BROKEN, _DOTTED = (0, (5, 1.5)), (0, (2.5, 1.2)), (0, (1, 1))
+#: Lengths of dashes and gaps.
+_DASHED = (0, (5, 1.5))
+_BROKEN = (0, (2.5, 1.2))
+_DOTTED = (0, (1, 1))
 #: Colour, marker and dashes of each switching (after Okabe and Ito) and of each law, distinct
 #: without colour as well.
 STYLES: dict[str, dict[str, Any]] = {
@@ -85,8 +88,10 @@ QUANTITIES = (('rms', 'RMS error of joint 2', 'rad'),
               ('variation', 'torque variation of joint 2', 'N·m/s'))
 #: The slice drawn of the time domain: friction of joint 2 changes its sign at 7.75 s [s].
 SLICE = (7.70, 7.85)
-#: Characters of a line in a panel, and in a row of `overview`.
-_LINE, _NARROW = 70, 40
+#: Characters of a line in a panel.
+_LINE = 70
+#: Characters of a line in a row of `overview`.
+_NARROW = 40
 _OVERVIEW = ('RMS error and torque variation of joint 2 over the second half of each run. A row a '
              'case, a mark a run; grey: from the least to the greatest.')
 

@@ -170,7 +170,14 @@ def tune_options(parser: argparse.ArgumentParser) -> None:
 def run_tune(options: argparse.Namespace) -> int:
     """Run `ctc tune`."""
     from ctc_chattering.runs.tune import require_optuna, tune
-    from ctc_chattering.runs.tune_page import closest, PAGE, text, TUNE, TUNED, write_tuning
+    from ctc_chattering.runs.tune_page import (
+        closest_trial_text,
+        PAGE,
+        report_text,
+        TUNE,
+        TUNED,
+        write_tuning,
+    )
     from ctc_chattering.runs.tune_spec import tune_spec
 
     require_optuna()
@@ -184,9 +191,10 @@ def run_tune(options: argparse.Namespace) -> int:
         tuning = tune(spec, options.trials, options.percentile, jobs=options.jobs,
                       show=partial(print, flush=True), progress=show)
     write_tuning(tuning, out, options.format, options.said, options.overwrite)
-    print(text(tuning))
+    print(report_text(tuning))
     if tuning.best is None:
-        raise CtcError(f'no trial keeps the limits; {closest(tuning.trials)}; see {out / PAGE}')
+        raise CtcError(f'no trial keeps the limits; {closest_trial_text(tuning.trials)}; '
+                       f'see {out / PAGE}')
     print()
     print_page(out / PAGE, f'ctc simulate {out / TUNED}')
     return 0

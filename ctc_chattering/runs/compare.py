@@ -43,7 +43,7 @@ from ctc_chattering.runs.conditions import (
     read_cases,
     SEED,
 )
-from ctc_chattering.runs.map import computed
+from ctc_chattering.runs.map import complete_table
 from ctc_chattering.runs.recommended import (
     BASELINE,
     BEST,
@@ -223,7 +223,7 @@ def compare(files: ComparisonSpec | Sequence[str | Path], *, out: str | Path | N
     jobs = checked_integer('jobs', jobs, 1)
     runs = ComparisonRuns(spec.runs())
     path = Path(out) if out else None
-    with computed(runs, path, jobs, None, overwrite, show, progress) as result:
+    with complete_table(runs, path, jobs, None, overwrite, show, progress) as result:
         rows = result.table.to_pandas()
         if path:
             from ctc_chattering.runs.compare_page import write_comparison  # Takes time.

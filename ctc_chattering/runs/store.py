@@ -15,7 +15,7 @@
 """
 Directory of a table that survives a kill.
 
-It has a parquet file per chunk of runs, one of all rows, and their metadata. `map.computed` opens
+It has a parquet file per chunk of runs, one of all rows, and their metadata. `map.py` opens
 it and lets `compute` make the chunks that are missing. A process that is killed leaves whole files
 only. The name of a chunk's file is a key of all inputs of its rows, the text of the package among
 them. Parquet's checksums show a damaged file, which is computed again.

@@ -40,7 +40,7 @@ from ctc_chattering.output_files import file_stem
 from ctc_chattering.runs.compare_page import Outcome, to_markdown
 from ctc_chattering.runs.compare_page import write_page as write_comparison_page
 from ctc_chattering.runs.map_data import MapData
-from ctc_chattering.runs.map_figures import lines
+from ctc_chattering.runs.map_figures import draw_lines
 from ctc_chattering.runs.map_page import write_map_page
 from ctc_chattering.runs.recommended import BASELINE, LawSettings
 from ctc_chattering.runs.tune import search_gains, Tuning
@@ -155,7 +155,7 @@ def test_no_name_becomes_an_element(write: Callable[[str, Path], None], tmp_path
 def test_figures_show_names_as_they_are(tmp_path: Path) -> None:
     """Check that nothing is taken for a formula, except powers of ten, nor for a path."""
     name = ' a|b $x_{ \x1b--> </td> $'
-    found = [('../../a/b', lines(map_of(name)), ''), ('c', tracking(runs(name)[0]), '')]
+    found = [('../../a/b', draw_lines(map_of(name)), ''), ('c', tracking(runs(name)[0]), '')]
     files = save(found, tmp_path / 'figures', ['svg'])
     assert {x.name for x in tmp_path.iterdir()} == {'figures'}
     assert {x.path.parent for x in files} == {tmp_path / 'figures'}

@@ -204,15 +204,15 @@ def test_a_payload_is_in_ka(tmp_path: Path) -> None:
 
 def test_a_name_does_not_end_the_comment_that_it_stands_in(tmp_path: Path) -> None:
     """Names come from outside; YAML takes these characters for the end of a line."""
-    for end in ('\u2028', '\x85', '&#10;'):
-        name = f'wheel{end}plant: {{ros__parameters: {{gravity: 0.0}}}}'
-        (tmp_path / 'robot.urdf').write_text(
-            mobile_manipulator().replace('"drive_1"', f'"{name}"'), encoding='utf-8')
-        done = ctc('new-robot', '--urdf', 'robot.urdf', '--overwrite', cwd=tmp_path)
-        assert done.returncode == 0, done.stderr
-        assert parameter_file.load(tmp_path / 'robot.yaml').plant.gravity == 9.81
-        assert all('gravity' not in line or line.startswith('left out')
-                   for line in done.stdout.splitlines())
+    name = ''.join(f'wheel{end}plant: {{ros__parameters: {{gravity: 0.0}}}}'
+                   for end in ('\u2028', '\x85', '&#10;'))
+    (tmp_path / 'robot.urdf').write_text(
+        mobile_manipulator().replace('"drive_1"', f'"{name}"'), encoding='utf-8')
+    done = ctc('new-robot', '--urdf', 'robot.urdf', cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert parameter_file.load(tmp_path / 'robot.yaml').plant.gravity == 9.81
+    assert all('gravity' not in line or line.startswith('left out')
+               for line in done.stdout.splitlines())
 
 
 def test_what_has_no_motion_is_refused(tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ def written(path: Path, more: str = '', bringup: str = '') -> Path:
         for (t, q, x), v in zip(WAYPOINTS, [2.0] + [7.0] * 7))]))
     file.write_text(f"""
 /**:
-  ros__parameters: {{continuous_joints: [joint1, joint2]}}
+  ros__parameters: {{continuous_joints: [joint1, joint2], control_period: 0.002}}
 plant:
   ros__parameters: {{duration: 3.2, coulomb_friction: [3.0, 1.0], {more}}}
 controller:
@@ -107,10 +107,11 @@ def test_in_lockstep_the_window_makes_no_difference(
     known = np.isfinite(result.v).all(axis=1)
     assert np.mean(known) > 0.09
     np.testing.assert_allclose(result.v[known], counted.v[known], atol=1e-6)
-    assert np.abs(np.diff(result.run.q, axis=0)).max() < 0.03
+    # Up to three states are lost: it moves four periods at 7 rad/s.
+    assert np.abs(np.diff(result.run.q, axis=0)).max() < 0.06
     export(result, tmp_path / 'run.csv')
     table = np.genfromtxt(tmp_path / 'run.csv', delimiter=',', skip_header=1)
-    assert np.abs(np.diff(table[:, 1])).max() < 0.03
+    assert np.abs(np.diff(table[:, 1])).max() < 0.06
 
 
 def test_in_real_time_it_turns_without_a_word(tmp_path: Path) -> None:

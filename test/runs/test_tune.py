@@ -45,7 +45,7 @@ from ctc_chattering.runs.tune import (
     Tuning,
 )
 from ctc_chattering.runs.tune_page import (
-    front_figure,
+    draw_front,
     write_tuning,
 )
 from ctc_chattering.runs.tune_spec import Limits, Numbers, Range
@@ -81,22 +81,22 @@ def test_trials_are_counted_under_each_limit_that_they_violate() -> None:
     for mine, text in ((trials, 'diverged: 1, torque: 2, torque rate: 1'),
                        (trials[:1], 'none')):
         found = dataclasses.replace(short_tuning(), trials=tuple(mine))
-        assert dict(report.facts(found))['trials that violate'] == text
-    assert report.violated(trials[1].score) == 'torque +100.0%'
-    assert report.violated(trials[0].score) == ''
+        assert dict(report.fact_rows(found))['trials that violate'] == text
+    assert report.violation_text(trials[1].score) == 'torque +100.0%'
+    assert report.violation_text(trials[0].score) == ''
 
 
 def test_the_closest_trial_is_that_with_the_least_excess() -> None:
     trials = [trial(20.0), trial(13.0), trial(1.0, rate=150.0)]
-    assert report.closest(trials) == (
+    assert report.closest_trial_text(trials) == (
         'trial 1 comes closest: torque +30.0%')
-    assert report.closest([trials[2], trial(1.0, 1.0, 1.0, diverged=1)]) == (
+    assert report.closest_trial_text([trials[2], trial(1.0, 1.0, 1.0, diverged=1)]) == (
         'trial 1 comes closest: diverged +25.0%')
 
 
 def test_the_table_has_the_gains_of_all_candidates() -> None:
     tuning = short_tuning()
-    head, *rows = report.table_of(tuning)
+    head, *rows = report.candidate_table(tuning)
     assert {len(row) for row in rows} == {len(head)}
     assert head[:6] == ['gains', 'kp', 'kv', 'lambda', 'ka', 'observer_bandwidth']
     assert [row[0] for row in rows] == [
@@ -119,7 +119,7 @@ def test_a_search_without_a_point_says_so_and_has_no_parameter_file(tmp_path: Pa
     (note,) = report.notes(tuning)
     assert note.startswith('no trial keeps the limits; trial ')
     assert ' comes closest: torque +' in note
-    assert note in report.text(tuning)
+    assert note in report.report_text(tuning)
 
 
 @pytest.fixture(scope='module')
@@ -189,8 +189,8 @@ def test_nothing_is_over_a_legend_or_a_label() -> None:
     long = dataclasses.replace(tuning, others=tuple(
         x._replace(law=dataclasses.replace(x.law, name=f'{x.name}, with settings of its own'))
         for x in tuning.others))
-    assert not overlaps(front_figure(long))
-    assert not overlaps(front_figure(short_tuning(torque_limit=1.0)))
+    assert not overlaps(draw_front(long))
+    assert not overlaps(draw_front(short_tuning(torque_limit=1.0)))
 
 
 @pytest.mark.slow
