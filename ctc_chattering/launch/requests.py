@@ -112,6 +112,14 @@ class Requests:
             self._send('reset', Trigger, 'controller/reset')
         self._send('enable' if on else 'disable', SetBool, 'controller/enable', data=on)
 
+    def move(self, action: str) -> None:
+        """Have the reference stop or go home."""
+        self._send(action, Trigger, f'reference/{action}')
+
+    def guide(self, on: bool) -> None:
+        """Begin or end guiding by hand."""
+        self._send('guide by hand' if on else 'hold', SetBool, 'controller/guide', data=on)
+
     def _send(self, description: str, service_type: Any, service: str, **fields: Any) -> None:
         """Take a request, which `poll` sends."""
         if service not in self._clients:

@@ -163,6 +163,10 @@ class Controls:
             socket.on(name, any_of[choices], partial(self._set, name))
         socket.on('gain', ValuesRequest, self._set_gain)
         socket.on('torques', bool, requests.torques)
+        socket.on('move', Literal['stop', 'home'], requests.move)
+        socket.on('guide', bool, requests.guide)
+        socket.on('speed', Annotated[float, Meta(ge=0.0, le=1.0)], self._set_speed)
+        socket.on('payload', Annotated[float, Meta(ge=0.0)], self._set_payload)
         socket.on('record', bool, self._record)
         socket.on('plant', ValuesRequest, self._set_plant)
         socket.on('push', PushRequest, self._push)
@@ -188,6 +192,8 @@ class Controls:
             'joints': self._reader.names,
             'gains': [slider.shown() for slider in self._sliders.values()],
             'record': self._recorder.shown(),
+            'speed': self._reader.parameters['reference'].get('speed_scaling'),
+            'payload': controller.get('payload_mass') if controller.get('model') == 'urdf' else None,
             'answered': self._answer_count,
             'plant': [{'name': name,
                        'title': f'{title} [{unit_text(units[name].unit)}]',
@@ -220,6 +226,12 @@ class Controls:
             self.answer(request.name, False, str(error))
             return
         self._set(request.name, list(value) if is_list else value)
+
+    def _set_speed(self, value: float) -> None:
+        self._requests.set('reference', {'speed_scaling': value})
+
+    def _set_payload(self, value: float) -> None:
+        self._set('payload_mass', value)
 
     def _record(self, on: bool) -> None:
         (self._recorder.start if on else self._recorder.stop)()

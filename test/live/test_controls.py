@@ -51,7 +51,8 @@ def controls(names: Sequence[str] = NAMES, plant: Any = None, **parameters: Any
     asked.shown.return_value = {'state': 'off', 'path': '/home/lab', 'duration': 0}
     reader: Any = SimpleNamespace(
         names=tuple(names), parameters={'controller': {**PARAMETERS, **parameters},
-                                        'plant': PLANT if plant is None else plant},
+                                        'plant': PLANT if plant is None else plant,
+                                        'reference': {'speed_scaling': 1.0}},
         config=ControllerConfig(), latest=1.0)
     socket = PageSocket()
     return Controls(socket, reader, asked, asked), socket, asked
@@ -147,6 +148,7 @@ ODD: dict[str, tuple[Any, ...]] = {
     {'law': 'none'}, {'law': ['chattering']}, {'law': {}}, {'switching': None},
     {'record': 5}, {'record': ['x']}, {'record': None}, {'record': 'x'}, {'set': 'x'}, {}, [],
     None, 'law', {'torques': 1}, {'torques': 'on'},
+    {'move': 'x'}, {'guide': 1}, {'speed': 1.5}, {'speed': True}, {'payload': -1}, {'payload': nan},
     *[{name: value} for name, values in ODD.items() for value in values]])
 def test_a_request_that_no_page_of_ours_sends_is_ignored(message: Any) -> None:
     assert asked(message) == []
@@ -157,6 +159,10 @@ def test_every_other_request_is_one_call() -> None:
                  {'record': False}, {'torques': True}, {'torques': False}) == [
         *is_set('law', 'compensation'), *is_set('switching', 'sign'),
         call.start(), call.stop(), call.torques(True), call.torques(False)]
+    assert asked({'move': 'stop'}, {'move': 'home'}, {'guide': True}, {'guide': False},
+                 {'speed': 0.5}, {'payload': 1.2}) == [
+        call.move('stop'), call.move('home'), call.guide(True), call.guide(False),
+        call.set('reference', {'speed_scaling': 0.5}), *is_set('payload_mass', 1.2)]
     fields = [{'plant': {'name': 'coulomb_friction', 'values': x}} for x in ([1, 2, 3], [5])]
     values: tuple[Any, ...] = ([1.0, 2.0, 3.0], [5.0] * 3)
     assert asked(*fields) == [
@@ -250,6 +256,21 @@ def test_sliders_ask_once_on_release_and_follow_the_values_in_force(started_brow
         page.get_by_label('gains of', exact=True).select_option(label='all joints')
         slider.evaluate('it => { it.value = 0.75; it.onchange(); }')
         assert page.evaluate('sent')[-1] == gain('ka', 100, 100, 75, 75, 25, 25, 12.5)
+        page.evaluate('() => { sent.length = 0; }')
+        for label in ('stop', 'home', 'guide by hand', 'hold'):
+            page.get_by_role('button', name=label, exact=True).first.click()
+        speed = page.get_by_label('speed', exact=True)
+        assert speed.input_value() == '1'
+        speed.evaluate('it => { it.value = 0.25; it.onchange(); }')
+        assert page.evaluate('sent') == [
+            {'move': 'stop'}, {'move': 'home'}, {'guide': True}, {'guide': False}, {'speed': 0.25}]
+        assert not page.get_by_label('payload', exact=True).is_visible()  # Without a URDF.
+        put(model='urdf', payload_mass=1.5)
+        payload = page.get_by_label('payload', exact=True)
+        assert payload.input_value() == '1.5'
+        payload.fill('2')
+        payload.press('Enter')
+        assert page.evaluate('sent')[-1] == {'payload': 2}
         page.evaluate('() => { sent.length = 0; }')
         unfold(page, 'push')
         press(page, 'push')

@@ -104,6 +104,20 @@ const ctcControls = (parent, send) => {
   // --- torques, recording, plant
   $('#enable').onclick = () => send({ torques: true });
   $('#disable').onclick = () => send({ torques: false });
+  for (const button of $('#motion').querySelectorAll('[value]'))
+    button.onclick = () => send({ move: button.value });
+  $('#guide').onclick = () => send({ guide: true });
+  $('#hold').onclick = () => send({ guide: false });
+  for (const name of ['speed', 'payload']) {
+    const input = $(`#${name}`);
+    input.onchange = () => { if (input.checkValidity()) send({ [name]: Number(input.value) }); };
+  }
+  // Show the value in force, unless the user is at it.
+  function showValue(name, value) {
+    const input = $(`#${name}`);
+    input.parentElement.hidden = value === undefined || value === null;
+    if (document.activeElement !== input) input.value = value;
+  }
   $('#record').onclick = () => send({ record: state.record.state === 'off' });
   const RECORD = { off: '● record', starting: 'starting …', on: '■ stop recording',
     stopping: 'stopping …' };
@@ -144,6 +158,8 @@ const ctcControls = (parent, send) => {
       it.row.hidden = false;
       showGain(it);
     }
+    showValue('speed', state.speed);
+    showValue('payload', state.payload);
     const { state: recorder, path, duration } = state.record;
     $('#record').textContent = RECORD[recorder];
     $('#record').disabled = ['starting', 'stopping'].includes(recorder);
