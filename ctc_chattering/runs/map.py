@@ -122,8 +122,8 @@ def complete_table(runs: RunList, out: Path | None, jobs: int, scheduler: str | 
     """
     Compute the missing runs of a directory.
 
-    Nothing is kept without a directory. No other process writes there until the context ends. Arguments and errors are those of
-    `compute_map`.
+    Nothing is kept without a directory. No other process writes there until the context ends.
+    Arguments and errors are those of `compute_map`.
     """
     required_codes(runs.robot)  # An error of the robot shows here.
     with ExitStack() as stack:

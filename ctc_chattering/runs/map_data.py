@@ -114,10 +114,10 @@ def pooled_interval(failures: npt.ArrayLike, runs: npt.ArrayLike) -> tuple[float
     """
     Return the 95 % interval of a probability from shared draws.
 
-    The runs are at several points, with the same draws at each. It is Wilson's interval for fewer runs, with Student's quantile in place of the normal one. So
-    many independent runs would vary as much as the draws do. Where all runs or none fail, there
-    are as many as draws. A bootstrap over draws has no width there, and covers less than 95 % of
-    rare failures.
+    The runs are at several points, with the same draws at each. It is Wilson's interval for fewer
+    runs, with Student's quantile in place of the normal one. So many independent runs would vary
+    as much as the draws do. Where all runs or none fail, there are as many as draws. A bootstrap
+    over draws has no width there, and covers less than 95 % of rare failures.
 
     Parameters
     ----------
@@ -286,8 +286,8 @@ def compare_with_base(data: MapData, base: int) -> pandas.DataFrame:
     """
     Count failures of each law beside those of a base.
 
-    The worst law is first. Pairs of runs have the same point and draw. Columns are the number of pairs (`runs`), and of
-    those in which only the law fails (`worse`) or only the base (`better`).
+    The worst law is first. Pairs of runs have the same point and draw. Columns are the number of
+    pairs (`runs`), and of those in which only the law fails (`worse`) or only the base (`better`).
     """
     rows = data.rows.assign(failed=data.rows['failure'] != '')
     is_base = rows['variant'] == data.variants[base]
@@ -319,9 +319,9 @@ def sobol_indices(values: Array, m: int) -> tuple[Array, Array]:
     """
     Return Sobol indices with their intervals.
 
-    Draws are those of `sampling: saltelli`. The estimators are SciPy's (Saltelli et al., *Variance based sensitivity analysis of model
-    output*, Computer Physics Communications 181, 2010). Intervals of 95 % are percentiles of a
-    bootstrap.
+    Draws are those of `sampling: saltelli`. The estimators are SciPy's (Saltelli et al., *Variance
+    based sensitivity analysis of model output*, Computer Physics Communications 181, 2010).
+    Intervals of 95 % are percentiles of a bootstrap.
 
     Parameters
     ----------
@@ -356,8 +356,8 @@ def sobol_table(data: MapData) -> Table:
     """
     Return the table of Sobol indices.
 
-    It has two columns a quantity, and a row for each law and result. Results are the logarithm of the error, if all runs have one, and whether a run fails. One that
-    does not vary has no row.
+    It has two columns a quantity, and a row for each law and result. Results are the logarithm of
+    the error, if all runs have one, and whether a run fails. One that does not vary has no row.
     """
     rows = []
     for v, name in enumerate(data.variants if data.saltelli else ()):

@@ -15,8 +15,8 @@
 """
 Figures of a map.
 
-They show errors, and failures with their boundary and its interval. `map_page` calls `figures`. One axis gives lines, two or three give panels of coloured
-cells, and more give no figure.
+They show errors, and failures with their boundary and its interval. `map_page` calls `figures`.
+One axis gives lines, two or three give panels of coloured cells, and more give no figure.
 """
 
 from __future__ import annotations
