@@ -175,17 +175,22 @@ class IdentificationResults:
             f'delay of the torque: {known} samples' if known else
             'the delay is not identifiable: no commanded torque in the bag',
             f'torques are taken from the {timing.source}']
-        yield 'Gains', [f'{name} = {self._usable(value)}: {why}'
+        yield 'Gains', [f'{name} = {self._value_text(value)}: {why}'
                         for name, (value, why) in self.recommended.values.items()]
         yield 'Trial runs', list(self.recommended.trials) or ['The gains were not tried.']
 
-    def _usable(self, value: Any) -> str:
+    def _usable(self, value: object) -> object:
+        """Return a parameter with None for the joints that are not usable."""
+        if not isinstance(value, list) or len(value) != len(self.verdicts):
+            return value
+        return [x if verdict.usable else None for x, verdict in zip(value, self.verdicts)]
+
+    def _value_text(self, value: Any) -> str:
         """Return the text of a parameter, with `-` for the joints that are not usable."""
-        if not isinstance(value, list):
-            return format_value(value)
-        if len(value) == len(self.verdicts):
-            value = [x if verdict.usable else None for x, verdict in zip(value, self.verdicts)]
-        return f'[{format_numbers(value, 4, ", ")}]'
+        usable: Any = self._usable(value)
+        if isinstance(usable, list):
+            return f'[{format_numbers(usable, 4, ", ")}]'
+        return format_value(usable)
 
     def text(self) -> str:
         """Return it for a terminal, in lines of at most `WIDTH` characters."""

@@ -31,7 +31,7 @@ from ctc_chattering.control.laws.registry import SWITCHINGS
 from ctc_chattering.controller.trips import TRIP_DELAY_S, TRIP_LIMITS, TripMonitor
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_commands import ctc, refused
+from ctc_commands import ctc, ctc_process, refused
 from exported_laws import compiled_by_cc, controller_of, Robot, robot_of
 from machine_code import compile_step
 from made_once import made_once
@@ -145,7 +145,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 @pytest.mark.parametrize('where', range(5))
 @pytest.mark.parametrize('bad', [nan, inf, -inf])
-def test_what_is_not_finite_is_no_torque_until_a_reset(
+def test_a_state_that_is_not_finite_ends_the_torques_until_a_reset(
         library: Path, where: int, bad: float) -> None:
     law = Law(exported_robot(), library)
     assert law.step(*REST) == (NOT_INITIALIZED, [0.0, 0.0])
@@ -192,7 +192,7 @@ def test_a_position_that_jumps_ends_the_torques_until_a_reset(library: Path) -> 
         assert law.step(*REST) == first
 
 
-def test_the_time_that_has_elapsed_says_how_far_a_joint_can_have_moved(library: Path) -> None:
+def test_the_elapsed_time_bounds_the_travel_of_a_joint(library: Path) -> None:
     """0.3 rad are a jump within a period, and none within 50 ms at 6 rad/s."""
     law = Law(exported_robot(), library)
     for elapsed, error in ((1e-3, JUMP), (0.05, OK), (nan, NOT_FINITE)):
@@ -242,7 +242,7 @@ def test_an_endless_joint_counts_its_turns_behind_a_delay(tmp_path: Path) -> Non
     check_turns(Law(robot, tmp_path), robot)
 
 
-def test_a_joint_that_is_not_endless_is_not_turned(library: Path) -> None:
+def test_positions_of_other_joints_are_not_unwrapped(library: Path) -> None:
     """Nor is a start: that of an endless joint is the one nearest to the reference."""
     law = Law(exported_robot(), library)
     law.call('init')
@@ -377,7 +377,7 @@ def test_wrong_gains_change_nothing(library: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize('law', ['integral', 'slotine_li', 'pid_kalman'])
-def test_a_law_of_which_other_numbers_depend_on_gains_has_fixed_ones(
+def test_gains_are_fixed_where_other_numbers_depend_on_them(
         tmp_path: Path, law: str) -> None:
     fixed = Law(robot_of('friction', law), tmp_path)
     fixed.call('init')
@@ -414,7 +414,7 @@ def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
     first, again = tmp_path / 'first', tmp_path / 'again'
     export(*robot_of('friction', 'compensation'), first)
     done = ctc('export-c', 'friction', '--law', 'compensation', '--out', str(again))
-    assert done.stdout.startswith(f'wrote {again}: compensation, 2 joints, ')
+    assert done.stdout.startswith(f'wrote {again}: law compensation for 2 joints, ')
     for path in again.iterdir():
         assert path.read_bytes() == (first / path.name).read_bytes()
     symbols = subprocess.check_output(['nm', again / 'ctc_law_code.o'], text=True)
@@ -422,7 +422,17 @@ def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
         'fmod', 'memcpy', 'memset', 'sin', 'sincos'}
 
 
-def test_a_name_that_is_none_of_a_package_is_refused(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_export_needs_no_code_compiled_before(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Export from a process of its own, with an empty cache."""
+    monkeypatch.setenv('HOME', str(tmp_path))
+    done = ctc_process('export-c', 'friction', '--law', 'compensation', '--out', tmp_path / 'law',
+                       timeout=300.0)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_wrong_name_of_a_package_is_refused(tmp_path: Path) -> None:
     refused(ctc('export-c', 'friction', '--out', str(tmp_path / 'out'),
                 '--ros2-control', 'My-Arm'), '--ros2-control My-Arm', 'small letters')
     for name in ('my_arm-2', 'my_Arm', 'my arm', 'arm/../..', 'arm.h', '2_arms', 'arm"\n'):
@@ -431,7 +441,7 @@ def test_a_name_that_is_none_of_a_package_is_refused(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_limit_that_would_turn_the_clamp_round_is_not_exported(tmp_path: Path) -> None:
+def test_a_negative_effort_limit_is_not_exported(tmp_path: Path) -> None:
     (tmp_path / 'arm.urdf').write_text(two_links().replace('effort="40"', 'effort="-1"'))
     (tmp_path / 'arm.yaml').write_text(
         '/**: {ros__parameters: {model: urdf, description: arm.urdf, joint_names: [a, b]}}\n'
@@ -456,7 +466,7 @@ def test_names_of_joints_are_literals_of_every_version_of_c(standard: str, tmp_p
     assert printed.decode().split('\0')[:-1] == names
 
 
-def test_a_model_of_ones_own_and_full_matrices_are_refused(tmp_path: Path) -> None:
+def test_an_own_model_and_full_matrices_are_refused(tmp_path: Path) -> None:
     robot = robot_of('friction', 'compensation')
     with pytest.raises(CtcError, match='cannot be exported; allowed: models two_link and urdf'):
         export(robot.config, Broken(('joint1', 'joint2'), 9.81), tmp_path)

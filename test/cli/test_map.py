@@ -168,7 +168,7 @@ def test_the_parameter_file_of_a_run_is_its_setup(tmp_path: Path) -> None:
     named = MapRuns(read_spec(spec)).setup(15).changed({'plant': {'experiment': 'run_15'}})
     assert parameter_file.load(file).values == named.values
     refused(ctc(*words, '15'), 'run_15.yaml: exists already', '--overwrite')
-    refused(ctc(*words, '24'), '--explain 24', '0 to 23')
+    refused(ctc(*words, '24'), '--explain: 24', '0 to 23')
 
 
 @pytest.mark.slow

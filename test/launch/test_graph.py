@@ -72,7 +72,7 @@ def test_the_death_of_any_is_reported_and_ends_all(tmp_path: Path, victim: str) 
         os.kill(pids[victim], signal.SIGKILL)
         output, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
-    assert f'bringup: {victim} ended with signal SIGKILL; its last output:' in output
+    assert f'bringup: {victim} ended with signal SIGKILL. Its last output is:' in output
     assert 'Traceback' not in output
     assert alive(list(pids.values())) == []
     if victim != 'recorder':

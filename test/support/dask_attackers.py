@@ -54,9 +54,9 @@ def marked(folder: Path) -> bool:
     return (folder / str(os.getpid())).exists()
 
 
-def evil_answer(points: Any, made_by: str, chunk: Any) -> Any:
+def evil_answer(runs: Any, version: str, chunk: Any) -> Any:
     """Answer as the number of the run says; larger ones are computed."""
-    del points, made_by
+    del runs, version
     number = int(chunk[0])
     if number == 0:
         return Evil()
