@@ -269,7 +269,7 @@ class MapData:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Number of values of each axis."""
+        """Size of the grid along each axis."""
         return tuple(len(axis.values) for axis in self.axes)
 
     def variant_rows(self, variant: int) -> pandas.DataFrame:
