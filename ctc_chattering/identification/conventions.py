@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.drives import EFFORT
-from ctc_chattering.identification.findings import Estimate, Finding, Reason, Severity
+from ctc_chattering.identification.findings import Estimate, Finding, Gap, Reason, Severity
 from ctc_chattering.identification.friction_terms import FrictionTerm, TermKind
 from ctc_chattering.identification.prior import BodyPrior
 from ctc_chattering.identification.regression import (
@@ -177,11 +177,11 @@ class Conventions:
     def estimates(self) -> list[Estimate]:
         """Return the constants that were identified; none where the signal is a torque."""
         return [Estimate(float(value), 2.0 * error) if np.isfinite(error) else
-                Estimate.unknown('the motion does not show it')
+                Estimate.unknown(Gap.NOT_SHOWN)
                 for value, error in zip(self.constant, self.errors)]
 
 
-def check_torque(data: Observations, joints: Sequence[str], signal: str) -> tuple[Finding, ...]:
+def check_torque(data: Observations, signal: str) -> tuple[Finding, ...]:
     """
     Return findings on the joints whose torque has another unit than the others.
 
@@ -189,8 +189,6 @@ def check_torque(data: Observations, joints: Sequence[str], signal: str) -> tupl
     ----------
     data : Observations
         Windows with the torque.
-    joints : sequence of str, length n
-        Names.
     signal : str
         Name of the torque, for messages.
 
@@ -216,7 +214,7 @@ def check_torque(data: Observations, joints: Sequence[str], signal: str) -> tupl
             'N*m at the joint, or the model is another robot. For a current give --effort '
             'current; for another unit --torque-constant; for a robot that carries its weight '
             'itself --gravity 0')
-    return tuple(_other_unit(joints[joint], joint, factor, signal)
+    return tuple(_other_unit(joint, factor, signal)
                  for joint, factor in weighing.items() if not _is_possible(factor))
 
 
@@ -226,16 +224,12 @@ def _is_possible(factor: Factor) -> bool:
     return factor.value + margin > LEAST_FACTOR and factor.value - margin < MOST_FACTOR
 
 
-def _other_unit(name: str, joint: int, factor: Factor, signal: str) -> Finding:
+def _other_unit(joint: int, factor: Factor, signal: str) -> Finding:
     """Return that a joint has much less, or much more, weight than the model."""
-    text = (f'The {signal} of {name} has {factor.value:.2g} ± {2.0 * factor.error:.1g} times the '
-            'weight of the model')
-    if factor.value > MOST_FACTOR:
-        return Finding(Reason.UNITS, Severity.CARE, joint, f'{text}: a tool or payload that the '
-                       'URDF lacks, or another unit', 'Add the tool to the URDF')
-    return Finding(Reason.UNITS, Severity.REFUSED, joint, f'{text}: another unit, another gear '
-                   'ratio, or a wrong mass in the URDF',
-                   'Give --torque-constant, or correct the URDF')
+    reason, severity = ((Reason.TOOL, Severity.CARE) if factor.value > MOST_FACTOR else
+                        (Reason.UNITS, Severity.REFUSED))
+    return Finding(reason, severity, joint, {
+        'signal': signal, 'factor': factor.value, 'error': 2.0 * factor.error})
 
 
 def check_sign(data: Observations, joints: Sequence[str], signal: str) -> Conventions:
@@ -266,10 +260,9 @@ def check_sign(data: Observations, joints: Sequence[str], signal: str) -> Conven
     constant = np.ones(len(joints))
     constant[[joint for joint in moving if evidence[joint] < 0.0]] = -1.0
     option = ','.join(f'{sign:g}' for sign in constant)
-    return Conventions(constant, tuple(Finding(
-        Reason.SIGN, Severity.REFUSED, joint, f'The {signal} of {joints[joint]} has the other '
-        f'sign than that of other joints: friction of {factors[joint][0].value:.2g} ± '
-        f'{2.0 * factors[joint][0].error:.1g} N*m', f'Turn it with --torque-constant={option}')
+    return Conventions(constant, tuple(Finding(Reason.SIGN, Severity.REFUSED, joint, {
+        'signal': signal, 'friction': factors[joint][0].value,
+        'error': 2.0 * factors[joint][0].error, 'option': option})
         for joint in np.flatnonzero(constant < 0.0).tolist()))
 
 
@@ -314,28 +307,19 @@ def constants_of_currents(data: Observations, joints: Sequence[str], rotors: Arr
             unknown.append(joint)
             continue
         constant[joint], errors[joint] = 1.0 / value, error / value ** 2
-        findings.append(Finding(
-            Reason.SCALE, Severity.CARE, joint, f'Its torque constant is taken from weight and '
-            f'inertia of the URDF: {constant[joint]:.3g} N*m per ampere ± '
-            f'{2.0 * error / abs(value):.0%}. All its torques are as wrong as the masses of the '
-            'URDF', 'Give --torque-constant of the data sheet'))
+        findings.append(Finding(Reason.URDF_CONSTANT, Severity.CARE, joint, {
+            'constant': constant[joint], 'error': 2.0 * error / abs(value)}))
     shown = np.isfinite(errors) & (efforts > 0.0)
     per_effort = float(np.median(np.abs(constant[shown]) / efforts[shown])) if shown.any() else 0.0
     for joint in unknown:
-        not_shown = (f'The current of {joints[joint]} shows neither weight nor inertia of the '
-                     'model')
         size = per_effort * efforts[joint]
         if not size:
-            findings.append(Finding(
-                Reason.SCALE, Severity.REFUSED, joint, f'{not_shown}: its torque constant is not '
-                'known', 'Give --torque-constant with N*m at the joint per ampere'))
+            findings.append(Finding(Reason.NO_CONSTANT, Severity.REFUSED, joint))
             continue
         sign = _beside_any_gravity(data, joint).factors[0].sign or 1.0
         constant[joint], errors[joint] = sign * size, DOUBT_OF_ANOTHER * size
         findings.append(Finding(
-            Reason.SCALE, Severity.CARE, joint, f'{not_shown}: {constant[joint]:.3g} N*m per '
-            'ampere are assumed, from the constants of the others and the effort limits. All its '
-            'torques are as wrong as that', 'Give --torque-constant of the data sheet'))
+            Reason.OTHERS_CONSTANT, Severity.CARE, joint, {'constant': constant[joint]}))
     return Conventions(constant, tuple(findings), tuple(errors.tolist()))
 
 
@@ -443,7 +427,7 @@ def payload_scale(data: Observations, prior: BodyPrior) -> ScaledTorque:
     scales = [FrictionTerm(TermKind.SCALE, joint, SCALE_SIZE) for joint in moving]
     solution = fit(data, Unknowns(prior, (*terms, *scales)))
     constant = np.ones(data.joint_count)
-    estimates = [Estimate.unknown('the joint hardly moves')] * data.joint_count
+    estimates = [Estimate.unknown(Gap.HARDLY_MOVES)] * data.joint_count
     for joint in moving:
         row = solution.unknowns.row(joint, TermKind.SCALE)
         # The signal is 1 + x times the torque.

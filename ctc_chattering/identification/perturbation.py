@@ -20,7 +20,7 @@ P is the torque that the controller's model lacks: friction, and errors of the m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 import dataclasses
 from math import floor, log10, pi
 from typing import NamedTuple
@@ -31,7 +31,6 @@ from ctc_chattering.identification.findings import Estimate, Finding, Reason, Se
 from ctc_chattering.identification.friction import JointFriction
 from ctc_chattering.identification.friction_terms import TermKind
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.verdict import verdicts
 from ctc_chattering.numerics.linear_algebra import Array, Flags
 import numpy as np
 
@@ -124,25 +123,18 @@ class MeasuredPerturbation:
         for joint in np.flatnonzero(far.any(axis=0)).tolist():
             size = np.where(far[:, joint], residual[:, joint], 0.0)
             k = int(np.argmax(size))
-            yield Finding(
-                Reason.OUTLIERS, Severity.CARE, joint,
-                f'Nothing explains the torque of {np.count_nonzero(size)} windows, up to '
-                f'{size[k]:.3g} N*m at {self.t[k]:.2f} s: a contact, or wrong stamps. They are '
-                'not in the largest |P|', 'Look at the recording there')
+            yield Finding(Reason.OUTLIERS, Severity.CARE, joint, {
+                'count': np.count_nonzero(size), 'torque': size[k], 't': self.t[k]})
 
-    def break_away(self, joints: Sequence[str]) -> Iterator[Finding]:
+    def break_away(self) -> Iterator[Finding]:
         """Yield the joints with more friction at rest, or breaking away, than sliding shows."""
         at_rest = self.trusted[:, None] & ~np.isfinite(self.predicted)
         excess = np.abs(self.measured) - self.envelope
-        for joint, name in enumerate(joints):
+        for joint in range(len(self.tail)):
             beyond = tail_bound(np.maximum(excess[at_rest[:, joint], joint], 0.0))
             level = float(np.median(self.envelope[:, joint]))
             if beyond > max(RESTING_TAILS * self.tail[joint], RESTING_PART * level):
-                yield Finding(
-                    Reason.BREAK_AWAY, Severity.CARE, joint, f'At rest or breaking away |P| is up '
-                    f'to {beyond:.3g} N*m more than {name} shows while it slides: Stribeck '
-                    'friction below the velocities shown, or a joint that is held by something '
-                    'else', 'Record slower reversals, as those of `ctc excite`')
+                yield Finding(Reason.BREAK_AWAY, Severity.CARE, joint, {'torque': beyond})
 
 
 def perturbation(identified: Identification, corrected: bool) -> MeasuredPerturbation:
@@ -332,10 +324,12 @@ class PerturbationBound(NamedTuple):
         The gain, and the largest |P| it is for.
     friction : ndarray
         The largest friction as fast as the limits allow.
+    error : ndarray
+        The largest error of the model there.
+    velocity : ndarray
+        Limits of the velocity [rad/s].
     change : ndarray
         Change of the model's torque there [N·m/s].
-    reason : str
-        The parts.
     findings : tuple of Finding
         Drives that cannot give as much.
 
@@ -344,8 +338,9 @@ class PerturbationBound(NamedTuple):
     ka: Array
     peak: Array
     friction: Array
+    error: Array
+    velocity: Array
     change: Array
-    reason: str
     findings: tuple[Finding, ...]
 
 
@@ -376,30 +371,17 @@ def perturbation_bound(identified: Identification, run: MeasuredPerturbation, mo
         np.tile(load, (SPEEDS, 1)), 1.0).max(axis=0)
     peak = np.maximum(run.peak, friction + error + run.tail)
     ka = np.array([in_digits(MARGIN * p, 3, np.ceil) for p in peak])
-    usable = [x.usable for x in verdicts(identified)]
-
-    def listed(values: Array) -> str:
-        return ', '.join(f'{round(x, 6):.3g}' if good else '-'
-                         for x, good in zip(values.tolist(), usable))
-
-    reason = (
-        f'{MARGIN:g} times the largest |P| up to {listed(limits.velocity)} rad/s, the limits of '
-        'the description, or the speed of the run where there is none: friction '
-        f'{listed(friction)}, errors of the model {listed(error)}, unexplained '
-        f'{listed(run.tail)} N*m; in the run |P| is at most {listed(run.peak)} N*m')
     often = limits.acceleration / np.maximum(limits.velocity, 1e-12)
     return PerturbationBound(
-        np.minimum(ka, limits.effort), peak, friction, often * torque, reason,
+        np.minimum(ka, limits.effort), peak, friction, error, limits.velocity, often * torque,
         tuple(_doubts(peak, ka, limits.effort)))
 
 
 def _doubts(peak: Array, ka: Array, effort: Array) -> Iterator[Finding]:
     """Yield the joints whose drive cannot give ka."""
     for joint in np.flatnonzero(ka > effort).tolist():
-        yield Finding(
-            Reason.GAINS, Severity.CARE, joint, f'|P| reaches {peak[joint]:.3g} N*m as fast as '
-            f'the limits allow; ka = {ka[joint]:.3g} N*m is cut to its effort limit, '
-            f'{effort[joint]:.3g} N*m', 'Correct the model, or move more slowly')
+        yield Finding(Reason.KA_CUT, Severity.CARE, joint, {
+            'peak': peak[joint], 'ka': ka[joint], 'effort': effort[joint]})
 
 
 def in_digits(value: float, digits: int, rounding: Callable[[float], float]) -> float:

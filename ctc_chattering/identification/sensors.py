@@ -20,7 +20,7 @@ from collections.abc import Sequence
 import dataclasses
 from typing import NamedTuple
 
-from ctc_chattering.identification.findings import Estimate, Finding, Reason, Severity
+from ctc_chattering.identification.findings import Estimate, Finding, Gap, Reason, Severity
 from ctc_chattering.identification.recording import KEPT_VELOCITY_ROWS, Recording
 from ctc_chattering.identification.weak_form import (
     deviation,
@@ -97,13 +97,13 @@ def encoder_step(q: Array) -> Estimate:
     steps = np.diff(levels)
     steps = np.sort(steps[steps > rounding])
     if len(steps) < FEWEST_STEPS:
-        return Estimate.unknown('it hardly moves')
+        return Estimate.unknown(Gap.HARDLY_MOVES)
     step = float(steps[:max(1, len(steps) // 100)].mean())
     small = steps[steps < 20.0 * step]
     step = float(small.sum() / np.rint(small / step).sum())
     off = np.abs(small / step - np.rint(small / step))
     if (off < MULTIPLE_ERROR + rounding / step).mean() < MULTIPLES:
-        return Estimate.unknown('no step shows')
+        return Estimate.unknown(Gap.NO_STEP)
     return Estimate(step, unit='rad')
 
 
@@ -165,7 +165,7 @@ def velocity_noise(recording: Recording, period: float) -> VelocityNoise:
     successive samples differ as much as independent ones.
     """
     if recording.dq is None:
-        unknown = Estimate.unknown('no velocities in the bag')
+        unknown = Estimate.unknown(Gap.NO_VELOCITIES)
         return VelocityNoise([unknown] * len(recording.joints), [])
     dq, q = recording.dq[:KEPT_VELOCITY_ROWS], recording.q[:KEPT_VELOCITY_ROWS]
     known = velocity_deviation(period) * position_noise(q, period)
@@ -174,8 +174,8 @@ def velocity_noise(recording: Recording, period: float) -> VelocityNoise:
         comparison = _compare(q[:, joint], dq[:, joint], period, float(known[joint]))
         off = abs(comparison.ratio - 1.0) - comparison.error
         if off > MOST_RATIO_ERROR:
-            estimates.append(Estimate.unknown('the velocity is none of the position'))
-            findings.append(_other_unit(recording.joints[joint], joint, comparison))
+            estimates.append(Estimate.unknown(Gap.OTHER_VELOCITY))
+            findings.append(_other_unit(joint, comparison))
         else:
             estimates.append(_noise(comparison, float(known[joint])))
     return VelocityNoise(estimates, findings)
@@ -206,14 +206,11 @@ def _compare(q: Array, dq: Array, period: float, known: float) -> _VelocityCompa
     return _VelocityComparison(1.0 if rests else float(value[0]), error, residual, speed)
 
 
-def _other_unit(name: str, joint: int, comparison: _VelocityComparison) -> Finding:
+def _other_unit(joint: int, comparison: _VelocityComparison) -> Finding:
     """Return the finding of a velocity that is none of its position."""
-    return Finding(
-        Reason.VELOCITY, Severity.REFUSED, joint, f'The velocity of {name} is '
-        f'{comparison.ratio:.3g} ± {comparison.error:.1g} times the change of its position, '
-        f'allowed: {1.0 - MOST_RATIO_ERROR:g} to {1.0 + MOST_RATIO_ERROR:g}: another unit, as '
-        'degrees (57.3), another sign or another joint; laws that use velocities diverge with it',
-        'Correct the velocities in joint_states, or record without them')
+    return Finding(Reason.VELOCITY, Severity.REFUSED, joint, {
+        'ratio': comparison.ratio, 'error': comparison.error,
+        'low': 1.0 - MOST_RATIO_ERROR, 'high': 1.0 + MOST_RATIO_ERROR})
 
 
 def _noise(comparison: _VelocityComparison, known: float) -> Estimate:
@@ -225,5 +222,4 @@ def _noise(comparison: _VelocityComparison, known: float) -> Estimate:
         return Estimate(size, unit='rad/s')
     if spread <= max(RESTING_DEVIATIONS * known, EXACT * comparison.speed):
         return Estimate.none(at_most=max(spread, RESTING_VELOCITY), unit='rad/s')
-    return Estimate.unknown('the velocity differs from the change of the position, but not as '
-                            'noise of single samples does: it is filtered')
+    return Estimate.unknown(Gap.FILTERED)

@@ -35,13 +35,7 @@ from ctc_chattering.identification.drives import (
     has,
     known_torque,
 )
-from ctc_chattering.identification.findings import (
-    ALL_JOINTS,
-    Estimate,
-    Finding,
-    Reason,
-    Severity,
-)
+from ctc_chattering.identification.findings import Estimate, Finding, Gap, Reason, Severity
 from ctc_chattering.identification.regression import correlation_length, Observations
 from ctc_chattering.identification.stretches import Stretch
 from ctc_chattering.identification.weak_form import TestFunction
@@ -559,14 +553,13 @@ LONGEST_USUAL_LAG_S = 0.008
 MOST_DELAYS = 2
 #: Width of the lags of a drive from which on they are not identified [s].
 WIDE_LAG_S = 0.01
-EXCITE = 'Record a longer or faster motion of `ctc excite`'
 
 
 def rate_limits(timing: Timing, joints: Sequence[str]) -> list[Estimate]:
     """Return the rate limit of each drive, or what it is at least."""
     commands = timing.of_commands
     if commands is None:
-        return [Estimate.unknown('no commanded torque in the bag')] * len(joints)
+        return [Estimate.unknown(Gap.NO_COMMANDS)] * len(joints)
     estimates = []
     longest = np.max([lags[2] for lags in commands.delays.values()] or [commands.lag], axis=0)
     for (low, _, high), moving, lag in zip(commands.rate.T, commands.moving, longest):
@@ -577,42 +570,31 @@ def rate_limits(timing: Timing, joints: Sequence[str]) -> list[Estimate]:
         elif lag_is_known and moving and low > 0.0:
             estimates.append(Estimate(
                 None, unit='N*m/s', at_least=float(low),
-                reason='the drive follows commands that change so fast'))
+                gap=Gap.FOLLOWS_COMMANDS))
         else:
-            estimates.append(Estimate.unknown(
-                'no command changes fast enough, or delay and lag are not identified'))
+            estimates.append(Estimate.unknown(Gap.SLOW_COMMANDS))
     return estimates
 
 
-def timing_findings(timing: Timing, joints: Sequence[str]) -> Iterator[Finding]:
+def timing_findings(timing: Timing) -> Iterator[Finding]:
     """Yield what is doubtful of delay and lag."""
     commands = timing.of_commands
     if commands is None or not commands.delays:
         return
     if len(commands.delays) > 1:
         far = max(commands.delays) - min(commands.delays) > MOST_DELAYS
-        doubt = '. Backlash or an elastic joint looks like that' if far else ''
-        yield Finding(
-            Reason.DRIVE, Severity.CARE if far else Severity.NOTE, ALL_JOINTS,
-            f'Delay and lag are not told apart: {drives_in_words(commands)}{doubt}',
-            EXCITE if far else '')
+        reason, severity = ((Reason.FAR_DELAYS, Severity.CARE) if far else
+                            (Reason.SEVERAL_DELAYS, Severity.NOTE))
+        yield Finding(reason, severity, values={'drives': drives_in_words(commands)})
     lags = np.array(list(commands.delays.values()))
     for joint in np.flatnonzero(commands.moving).tolist():
         low, high = float(lags[:, 0, joint].min()), float(lags[:, 2, joint].max())
         lag = float(commands.lag[joint])
         if high >= END_OF_LAGS * LAGS[-1]:
-            yield Finding(
-                Reason.DRIVE, Severity.CARE, joint,
-                f'The lag of the drive of {joints[joint]} is at least {1e3 * low:.3g} ms and may '
-                f'be the longest that is looked for, {1e3 * LAGS[-1]:.3g} ms. An elastic joint '
-                'looks like that, or no command shows the lag', EXCITE)
+            yield Finding(Reason.UNBOUNDED_LAG, Severity.CARE, joint, {
+                'lag_ms': 1e3 * low, 'longest_ms': 1e3 * LAGS[-1]})
         elif lag > LONGEST_USUAL_LAG_S:
-            yield Finding(
-                Reason.DRIVE, Severity.CARE, joint,
-                f'The lag of the drive of {joints[joint]} is {1e3 * lag:.3g} ms, more than drives '
-                'of arms have. An elastic joint, backlash or a delay of this joint looks like '
-                'that',
-                'Measure the position behind the gear, or confirm that the drive is that slow')
+            yield Finding(Reason.LONG_LAG, Severity.CARE, joint, {'lag_ms': 1e3 * lag})
 
 
 def drives_in_words(timing: Timing) -> str:
