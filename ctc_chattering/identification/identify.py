@@ -30,14 +30,12 @@ from ctc_chattering.identification.conventions import (
     check_order,
     check_sign,
     check_torque,
-    constants_of_currents,
-    mounted_gravity,
-    payload_scale,
 )
-from ctc_chattering.identification.drives import COMMAND, Drive, EFFORT, has, known_torque
-from ctc_chattering.identification.effort import CURRENT, LINK, torque_source
+from ctc_chattering.identification.drives import Drive, known_torque
+from ctc_chattering.identification.effort import choose_source, CURRENT, LINK
 from ctc_chattering.identification.findings import Estimate, Finding
 from ctc_chattering.identification.friction import joint_friction, JointFriction
+from ctc_chattering.identification.mounting import estimate_gravity
 from ctc_chattering.identification.prediction import Prediction
 from ctc_chattering.identification.prior import (
     assumed_rotors,
@@ -51,16 +49,24 @@ from ctc_chattering.identification.regressor import BodyRegressor
 from ctc_chattering.identification.selection import select
 from ctc_chattering.identification.sensors import (
     Clock,
-    clock,
-    encoder_step,
+    estimate_encoder_step,
+    estimate_velocity_noise,
     Positions,
-    velocity_noise,
     VelocityNoise,
 )
-from ctc_chattering.identification.stretches import Stretch, stretches
-from ctc_chattering.identification.timing import rate_limits, Timing, timing, timing_findings
+from ctc_chattering.identification.stretches import COMMAND, EFFORT, split_recording, Stretch
+from ctc_chattering.identification.timing import (
+    estimate_rate_limits,
+    find_timing_doubts,
+    identify_timing,
+    Timing,
+)
+from ctc_chattering.identification.torque_constants import (
+    estimate_current_constants,
+    scale_by_payload,
+)
 from ctc_chattering.identification.weak_form import TestFunction
-from ctc_chattering.identification.windows import joined, Windows
+from ctc_chattering.identification.windows import join_windows, Windows
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -176,45 +182,44 @@ def identify(recordings: Sequence[Recording], model: Model,
     data = motion.observe(windows)
     if not data.moving.any():
         raise CtcError(f'{name}: no joint moves')
-    words = 'commanded torque' if commanded else 'effort'
     if commanded:
         check_order(data, joints)
     if signal.side == CURRENT and motion.source == EFFORT:
-        conventions = constants_of_currents(
+        conventions = estimate_current_constants(
             data, joints, _rotor_torque(data, regressor), finite_efforts(model))
     else:
-        conventions = check_sign(data, joints, words)
+        conventions = check_sign(data, joints, motion.source)
     if regressor is not None:
-        gravity = mounted_gravity(data.scaled(conventions.constant), regressor.gravity)
+        gravity = estimate_gravity(data.scaled(conventions.constant), regressor.gravity)
         if gravity is not regressor.gravity:
             regressor = dataclasses.replace(regressor, gravity=gravity)
             windows = motion.windows(regressor)
             data = motion.observe(windows)
     units = () if signal.side == CURRENT and motion.source == EFFORT else check_torque(
-        data.scaled(conventions.constant), joints, words)
+        data.scaled(conventions.constant), joints, motion.source)
 
     acting = motion.timing(windows)
     data = motion.observe(windows, acting).scaled(conventions.constant)
     prior = BodyPrior.of(regressor, signal.urdf_uncertainty,
                          rotors_show=commanded or signal.side != LINK)
-    constants = conventions.estimates()
+    constants = list(conventions.estimates)
     if loaded:
-        data, constants = payload_scale(data, prior)
+        data, constants = scale_by_payload(data, prior)
     solution, basic, curved = select(data, prior, commanded)
     prediction = Prediction.of(solution)
     period = motion.phi.period
-    noise = velocities or velocity_noise(recordings[0], period)
+    noise = velocities or estimate_velocity_noise(recordings[0], period)
     return Identification(
-        joints=joints, clock=clock(recordings[0], period),
-        encoder=[encoder_step(q) for q in recordings[0].q.T], noise=noise.estimates,
+        joints=joints, clock=Clock.of(recordings[0], period),
+        encoder=[estimate_encoder_step(q) for q in recordings[0].q.T], noise=noise.estimates,
         timing=acting, positions=Positions.of(recordings, period), fit=solution,
         friction=[joint_friction(solution, joint, lasting, basic, joint in curved)
                   for joint, lasting in enumerate(prediction.systematic_rms.tolist())],
         bodies=None if regressor is None else IdentifiedBodies.of(solution, regressor),
-        prediction=prediction, rate=rate_limits(acting, joints), constant=constants,
+        prediction=prediction, rate=estimate_rate_limits(acting), constant=constants,
         duration=motion.duration,
         findings=(*noise.findings, *units, *conventions.findings,
-                  *timing_findings(acting, joints)))
+                  *find_timing_doubts(acting, joints)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -254,15 +259,15 @@ class _ModelledStretches:
         """
         period = common_period(recordings)
         pairs = [(part, model) for recording, model in zip(recordings, models)
-                 for part in stretches(recording, period)
+                 for part in split_recording(recording, period)
                  if len(part.q) * period > SHORTEST_STRETCH_S]
         duration = period * sum(len(part.q) for part, _ in pairs)
         name = recordings[0].name
         if duration < SHORTEST_S:
             raise CtcError(f'{name}: {duration:.2g} s without a gap; at least {SHORTEST_S:g} s '
                            'are needed')
-        source = torque_source([part for part, _ in pairs], side, name)
-        with_torque = [pair for pair in pairs if has(pair[0], source) is not None]
+        source = choose_source([part for part, _ in pairs], side, name)
+        with_torque = [pair for pair in pairs if pair[0].torque(source) is not None]
         return cls([part for part, _ in with_torque], [model for _, model in with_torque],
                    TestFunction(period, duration), source)
 
@@ -286,16 +291,16 @@ class _ModelledStretches:
         drive = Drive.ideal(n) if acting is None else acting.acting
         torque = [known_torque(part, rows.centres, self.source, self.phi, drive)
                   for part, rows in zip(self.parts, windows)]
-        return Observations.of(joined(windows), np.concatenate(torque))
+        return Observations.of(join_windows(windows), np.concatenate(torque))
 
     def timing(self, windows: list[Windows]) -> Timing:
         """Return the timing of the torque, with that of the commands."""
-        used = timing(self.parts, windows, self.source, self.phi)
-        commanded = [k for k, part in enumerate(self.parts) if has(part, COMMAND) is not None]
+        used = identify_timing(self.parts, windows, self.source, self.phi)
+        commanded = [k for k, part in enumerate(self.parts) if part.torque(COMMAND) is not None]
         if self.source == COMMAND or not commanded:
             return used
-        commands = timing([self.parts[k] for k in commanded], [windows[k] for k in commanded],
-                          COMMAND, self.phi)
+        commands = identify_timing(
+            [self.parts[k] for k in commanded], [windows[k] for k in commanded], COMMAND, self.phi)
         return dataclasses.replace(used, delays=commands.delays, commands=commands)
 
 

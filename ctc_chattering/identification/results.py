@@ -32,7 +32,7 @@ from ctc_chattering.identification.friction import NUMBERS
 from ctc_chattering.identification.gains import Recommendation
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import MeasuredPerturbation
-from ctc_chattering.identification.timing import lag_in_words
+from ctc_chattering.identification.timing import describe_lag
 from ctc_chattering.identification.verdict import (
     next_step,
     of_all_joints,
@@ -127,7 +127,7 @@ class IdentificationResults:
             x.heading: [estimate.cell for estimate in x.estimates] for x in self.sensors}, True)
         yield self._table('Motors and drives', {
             'lag, or delay of this joint': [
-                lag_in_words(found.timing, joint) for joint in range(len(found.joints))],
+                describe_lag(found.timing, joint) for joint in range(len(found.joints))],
             **{x.heading: [estimate.cell for estimate in x.estimates] for x in self.drives}})
         yield self._table('Perturbation', {
             'largest |P| [N*m]': [f'{x:.4g}' for x in self.run.peak],
