@@ -33,6 +33,12 @@ from ctc_chattering.bags.bag_files import count_dropped
 from ctc_chattering.bags.command_matching import match_commands
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.bags.signals import Instants, JOINT_STATE, MULTI_ARRAY, Signal, SignalTopic
+from ctc_chattering.configuration.topics import (
+    COMMANDS,
+    JOINT_STATES,
+    PARAMETERS,
+    ROBOT_DESCRIPTION,
+)
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.control.laws.registry import LAWS, SWITCHINGS
 from ctc_chattering.dynamics.registry import locked_positions
@@ -46,7 +52,6 @@ from ctc_chattering.identification.recording import (
 )
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS
-from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES, PARAMETERS, ROBOT_DESCRIPTION
 import numpy as np
 from rosbags.interfaces import Connection
 

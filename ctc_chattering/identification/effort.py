@@ -11,8 +11,11 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+"""
+Choice of the torque, commanded or measured, in N·m at the joints.
 
-"""Choice of the torque, commanded or measured, in N·m at the joints."""
+`identify` asks which torque it may use, and has the effort multiplied by constants of the user.
+"""
 
 from __future__ import annotations
 
@@ -20,32 +23,30 @@ from collections.abc import Sequence
 import dataclasses
 
 from ctc_chattering.errors import CtcError, ParameterError, UsageError
-from ctc_chattering.identification.drives import COMMAND, EFFORT, has
 from ctc_chattering.identification.recording import Recording
-from ctc_chattering.identification.stretches import Stretch
+from ctc_chattering.identification.stretches import COMMAND, EFFORT, Stretch
 from ctc_chattering.parameters import checked_vector
 import numpy as np
 
-#: Effort of the motors.
+#: Kinds of a measured effort: torque of the motor at the joint [N·m], torque of a sensor behind
+#: the gear [N·m], or a current [A].
 MOTOR = 'motor'
-#: Effort of a torque sensor behind the gear.
 LINK = 'link'
-#: Effort that is a current of which no torque constant is known.
 CURRENT = 'current'
 
 
-def torque_source(parts: Sequence[Stretch], side: str, name: str) -> str:
+def choose_source(stretches: Sequence[Stretch], side: str, name: str) -> str:
     """
     Return the torque that is used: the commands, or an effort that the user says is one.
 
     Parameters
     ----------
-    parts : sequence of Stretch
-        Of all recordings.
+    stretches : sequence of Stretch
+        Stretches of all recordings.
     side : {'', 'motor', 'link', 'current'}
-        What the effort is, as the user says.
+        Kind of the effort, as the user says.
     name : str
-        Of the recording, for messages.
+        Name of the recording, for messages.
 
     Raises
     ------
@@ -53,11 +54,11 @@ def torque_source(parts: Sequence[Stretch], side: str, name: str) -> str:
         If there are no commands, and the user does not say what the effort is.
 
     """
-    commanded = any(has(part, COMMAND) is not None for part in parts)
-    measured = any(has(part, EFFORT) is not None for part in parts)
-    if measured and side and not (commanded and side == LINK):
+    is_commanded = any(x.command is not None for x in stretches)
+    is_measured = any(x.effort is not None for x in stretches)
+    if is_measured and side and not (is_commanded and side == LINK):
         return EFFORT
-    if commanded:
+    if is_commanded:
         return COMMAND
     raise CtcError(
         f'{name}: there are no commanded torques, and it is not known what the effort is. Give '
@@ -66,17 +67,19 @@ def torque_source(parts: Sequence[Stretch], side: str, name: str) -> str:
         'its friction')
 
 
-def in_torques(recordings: Sequence[Recording], side: str,
-               torque_constant: Sequence[float] | None) -> tuple[list[Recording], str]:
+def convert_effort(
+        recordings: Sequence[Recording],
+        side: str,
+        torque_constant: Sequence[float] | None) -> tuple[list[Recording], str]:
     """
-    Return recordings whose effort is the torque at the joint, and what it then is.
+    Return recordings whose effort is the torque at the joint, and the kind it then has.
 
     Parameters
     ----------
     recordings : sequence of Recording
-        Of n joints.
+        Recordings of n joints.
     side : {'', 'motor', 'link', 'current'}
-        What the effort is; empty where it is not known.
+        Kind of the effort; empty where it is not known.
     torque_constant : sequence of float, length n, optional
         Torque at the joint per unit of the effort [N·m/A, or 1 for a torque].
 
@@ -96,8 +99,12 @@ def in_torques(recordings: Sequence[Recording], side: str,
     factor = checked_vector('torque_constant', torque_constant, n)
     if not (np.isfinite(factor) & (factor != 0.0)).all():
         raise ParameterError('torque_constant', torque_constant, 'finite numbers that are not 0')
-    for x in recordings:
-        if len(x.joints) != n:
-            raise CtcError(f'{x.name}: {len(x.joints)} joints; {recordings[0].name} has {n}')
-    return [x if x.effort is None else dataclasses.replace(x, effort=x.effort * factor)
-            for x in recordings], MOTOR if side == CURRENT else side
+    converted = []
+    for recording in recordings:
+        if len(recording.joints) != n:
+            raise CtcError(f'{recording.name}: {len(recording.joints)} joints; '
+                           f'{recordings[0].name} has {n}')
+        if recording.effort is not None:
+            recording = dataclasses.replace(recording, effort=recording.effort * factor)
+        converted.append(recording)
+    return converted, MOTOR if side == CURRENT else side

@@ -40,7 +40,7 @@ from ctc_chattering.dynamics.registry import DESCRIBED, locked_positions, make_m
 from ctc_chattering.dynamics.urdf_model import SingularInertia
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import ParameterError, UsageError
-from ctc_chattering.identification.effort import CURRENT, in_torques, LINK, MOTOR
+from ctc_chattering.identification.effort import convert_effort, CURRENT, LINK, MOTOR
 from ctc_chattering.identification.findings import Finding, Reason, Severity
 from ctc_chattering.identification.gains import recommend
 from ctc_chattering.identification.identify import (
@@ -54,7 +54,7 @@ from ctc_chattering.identification.prior import URDF_UNCERTAINTY
 from ctc_chattering.identification.recorder_faults import repair
 from ctc_chattering.identification.recording import RecordedMotion, Recording
 from ctc_chattering.identification.results import IdentificationResults, write_page
-from ctc_chattering.identification.sensors import velocity_noise
+from ctc_chattering.identification.sensors import estimate_velocity_noise
 from ctc_chattering.identification.trial_runs import (
     COMPILED_COUNT,
     parameter_values,
@@ -272,7 +272,7 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
         x if x is None or not len(x) else spec.checked(x, len(joints))
         for spec, x in ((TORQUE_CONSTANT, torque_constant), (TORQUE_RATE, torque_rate)))
     uncertainty = UNCERTAINTY.checked(urdf_uncertainty)
-    recordings, side = in_torques([x.recording for x in motions], side, constant)
+    recordings, side = convert_effort([x.recording for x in motions], side, constant)
     findings = [Finding(Reason.RECORDING, Severity.NOTE, values={'text': text})
                 for x in motions for text in x.notes]
     controller = motions[0].controller
@@ -288,7 +288,7 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
         recordings[k] = _count_turns(recordings[k], controller, robot.model)
         findings += repairs
     # Velocities are needed no more after this.
-    velocities = velocity_noise(recordings[0], common_period(recordings))
+    velocities = estimate_velocity_noise(recordings[0], common_period(recordings))
     recordings = [dataclasses.replace(x, dq=None) for x in recordings]
     identified = identify_recordings(
         recordings, robot.model, TorqueSignal(side, uncertainty),

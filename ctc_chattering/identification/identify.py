@@ -27,18 +27,12 @@ import dataclasses
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.bodies import IdentifiedBodies
-from ctc_chattering.identification.conventions import (
-    check_order,
-    check_sign,
-    check_torque,
-    constants_of_currents,
-    mounted_gravity,
-    payload_scale,
-)
-from ctc_chattering.identification.drives import COMMAND, Drive, EFFORT, has, known_torque
-from ctc_chattering.identification.effort import CURRENT, LINK, torque_source
+from ctc_chattering.identification.conventions import check_order, check_sign, check_torque
+from ctc_chattering.identification.drives import Drive, known_torque
+from ctc_chattering.identification.effort import choose_source, CURRENT, LINK
 from ctc_chattering.identification.findings import Estimate, Finding
 from ctc_chattering.identification.friction import joint_friction, JointFriction
+from ctc_chattering.identification.mounting import estimate_gravity
 from ctc_chattering.identification.prediction import Prediction
 from ctc_chattering.identification.prior import (
     assumed_rotors,
@@ -52,16 +46,24 @@ from ctc_chattering.identification.regressor import BodyRegressor
 from ctc_chattering.identification.selection import select
 from ctc_chattering.identification.sensors import (
     Clock,
-    clock,
-    encoder_step,
+    estimate_encoder_step,
+    estimate_velocity_noise,
     Positions,
-    velocity_noise,
     VelocityNoise,
 )
-from ctc_chattering.identification.stretches import Stretch, stretches
-from ctc_chattering.identification.timing import rate_limits, Timing, timing, timing_findings
+from ctc_chattering.identification.stretches import COMMAND, EFFORT, split_recording, Stretch
+from ctc_chattering.identification.timing import (
+    estimate_rate_limits,
+    find_timing_doubts,
+    identify_timing,
+    Timing,
+)
+from ctc_chattering.identification.torque_constants import (
+    estimate_current_constants,
+    scale_by_payload,
+)
 from ctc_chattering.identification.weak_form import TestFunction
-from ctc_chattering.identification.windows import joined, Windows
+from ctc_chattering.identification.windows import join_windows, Windows
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -173,45 +175,45 @@ def identify_recordings(recordings: Sequence[Recording], model: Model,
     data = motion.observe(windows)
     if not data.moving.any():
         raise CtcError(f'{recordings[0].name}: no joint moves')
-    name = 'commanded torque' if is_commanded else 'effort'
     if is_commanded:
         check_order(data, joints)
     is_current = signal.side == CURRENT and motion.source == EFFORT
     if is_current:
-        conventions = constants_of_currents(
+        conventions = estimate_current_constants(
             data, joints, _rotor_torque(data, regressor), finite_efforts(model))
     else:
-        conventions = check_sign(data, joints, name)
+        conventions = check_sign(data, joints, motion.source)
     if regressor is not None:
-        gravity = mounted_gravity(data.scaled(conventions.constant), regressor.gravity)
+        gravity = estimate_gravity(data.scaled(conventions.constant), regressor.gravity)
         if gravity is not regressor.gravity:
             regressor = dataclasses.replace(regressor, gravity=gravity)
             windows = motion.windows(regressor)
             data = motion.observe(windows)
-    units = () if is_current else check_torque(data.scaled(conventions.constant), name)
+    units = () if is_current else check_torque(
+        data.scaled(conventions.constant), motion.source)
 
     timing_of_torque = motion.timing(windows)
     data = motion.observe(windows, timing_of_torque).scaled(conventions.constant)
     prior = BodyPrior.of(regressor, signal.urdf_uncertainty,
                          rotors_show=is_commanded or signal.side != LINK)
-    constants = conventions.estimates()
+    constants = list(conventions.estimates)
     if loaded:
-        data, constants = payload_scale(data, prior)
+        data, constants = scale_by_payload(data, prior)
     best, basic, curved = select(data, prior, is_commanded)
     prediction = Prediction.of(best)
     period = motion.phi.period
-    noise = velocities or velocity_noise(recordings[0], period)
+    noise = velocities or estimate_velocity_noise(recordings[0], period)
     return Identification(
-        joints=joints, clock=clock(recordings[0], period),
-        encoder=[encoder_step(q) for q in recordings[0].q.T], noise=noise.estimates,
+        joints=joints, clock=Clock.of(recordings[0], period),
+        encoder=[estimate_encoder_step(q) for q in recordings[0].q.T], noise=noise.estimates,
         timing=timing_of_torque, positions=Positions.of(recordings, period), fit=best,
         friction=[joint_friction(best, joint, lasting, basic, joint in curved)
                   for joint, lasting in enumerate(prediction.systematic_rms.tolist())],
         bodies=None if regressor is None else IdentifiedBodies.of(best, regressor),
-        prediction=prediction, rate=rate_limits(timing_of_torque, joints), constant=constants,
+        prediction=prediction, rate=estimate_rate_limits(timing_of_torque), constant=constants,
         duration=motion.duration,
         findings=(*noise.findings, *units, *conventions.findings,
-                  *timing_findings(timing_of_torque)))
+                  *find_timing_doubts(timing_of_torque)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -251,15 +253,15 @@ class _ModelledStretches:
         """
         period = common_period(recordings)
         pairs = [(stretch, model) for recording, model in zip(recordings, models)
-                 for stretch in stretches(recording, period)
+                 for stretch in split_recording(recording, period)
                  if len(stretch.q) * period > SHORTEST_STRETCH_S]
         duration = period * sum(len(stretch.q) for stretch, _ in pairs)
         name = recordings[0].name
         if duration < SHORTEST_S:
             raise CtcError(f'{name}: {duration:.2g} s without a gap; at least {SHORTEST_S:g} s '
                            'are needed')
-        source = torque_source([stretch for stretch, _ in pairs], side, name)
-        with_torque = [pair for pair in pairs if has(pair[0], source) is not None]
+        source = choose_source([stretch for stretch, _ in pairs], side, name)
+        with_torque = [pair for pair in pairs if pair[0].torque(source) is not None]
         return cls([stretch for stretch, _ in with_torque], [model for _, model in with_torque],
                    TestFunction(period, duration), source)
 
@@ -283,17 +285,18 @@ class _ModelledStretches:
         drive = Drive.ideal(n) if acting is None else acting.acting
         torque = [known_torque(stretch, rows.centres, self.source, self.phi, drive)
                   for stretch, rows in zip(self.stretches, windows)]
-        return Observations.of(joined(windows), np.concatenate(torque))
+        return Observations.of(join_windows(windows), np.concatenate(torque))
 
     def timing(self, windows: list[Windows]) -> Timing:
         """Return the timing of the torque, with that of the commands."""
-        of_torque = timing(self.stretches, windows, self.source, self.phi)
+        of_torque = identify_timing(self.stretches, windows, self.source, self.phi)
         commanded = [pair for pair in zip(self.stretches, windows)
-                     if has(pair[0], COMMAND) is not None]
+                     if pair[0].torque(COMMAND) is not None]
         if self.source == COMMAND or not commanded:
             return of_torque
-        commands = timing([stretch for stretch, _ in commanded], [rows for _, rows in commanded],
-                          COMMAND, self.phi)
+        commands = identify_timing(
+            [stretch for stretch, _ in commanded], [rows for _, rows in commanded], COMMAND,
+            self.phi)
         return dataclasses.replace(of_torque, delays=commands.delays, commands=commands)
 
 

@@ -43,7 +43,7 @@ from ctc_chattering.identification.sentences import (
     trial_text,
     words_of,
 )
-from ctc_chattering.identification.timing import lag_in_words
+from ctc_chattering.identification.timing import describe_lag
 from ctc_chattering.identification.verdict import Verdict, verdicts
 
 #: Cell of a missing number; the verdict, or the JSON file, says why it is missing.
@@ -125,7 +125,7 @@ class IdentificationResults:
             self._table('Sensors', _cells(self.sensors), every=True),
             self._table('Motors and drives', {
                 'lag, or delay of this joint': [
-                    lag_in_words(timing, joint) for joint in range(len(self.found.joints))],
+                    describe_lag(timing, joint) for joint in range(len(self.found.joints))],
                 **_cells(self.drives)}),
             self._table('Perturbation', {
                 'largest |P| [N*m]': [f'{x:.4g}' for x in self.run.peak],

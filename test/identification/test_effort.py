@@ -17,10 +17,9 @@
 from __future__ import annotations
 
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.identification.drives import COMMAND, EFFORT
-from ctc_chattering.identification.effort import in_torques, torque_source
+from ctc_chattering.identification.effort import choose_source, convert_effort
 from ctc_chattering.identification.recording import Recording
-from ctc_chattering.identification.stretches import Stretch
+from ctc_chattering.identification.stretches import COMMAND, EFFORT, Stretch
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import pytest
@@ -37,7 +36,7 @@ BARE = Recording('bare', ('a', 'b'), np.arange(3.0), np.zeros((3, 2)), command=V
     ('link', [-1.0, -1.0], [-1.0, -1.0], 'link')])
 def test_the_effort_becomes_the_torque_at_the_joint(
         side: str, constant: list[float] | None, factor: list[float], then: str) -> None:
-    (found, bare), now = in_torques([MEASURED, BARE], side, constant)
+    (found, bare), now = convert_effort([MEASURED, BARE], side, constant)
     assert found.effort == pytest.approx(VALUES * factor, rel=1e-15)
     assert bare.effort is None and bare.command is BARE.command
     assert now == then
@@ -45,21 +44,21 @@ def test_the_effort_becomes_the_torque_at_the_joint(
 
 def test_arguments_that_contradict_each_other_are_refused() -> None:
     with pytest.raises(CtcError, match=r'^torque_constant needs --effort'):
-        in_torques([MEASURED], '', [0.1, 0.1])
+        convert_effort([MEASURED], '', [0.1, 0.1])
     with pytest.raises(CtcError, match=r'^effort motor: bare has no effort$'):
-        in_torques([BARE], 'motor', None)
+        convert_effort([BARE], 'motor', None)
 
 
 @pytest.mark.parametrize('wrong', [0, [1.0], [1.0, 0.0], [1.0, np.nan], np.inf, ['a', 'b'], True])
 def test_a_factor_that_is_none_is_refused(wrong: object) -> None:
     with pytest.raises(ParameterError, match=r'^torque_constant: '):
-        in_torques([MEASURED], 'motor', wrong)  # type: ignore[arg-type]
+        convert_effort([MEASURED], 'motor', wrong)  # type: ignore[arg-type]
 
 
 def test_recordings_of_other_joints_are_named() -> None:
     one = Recording('one', ('a',), np.arange(3.0), np.zeros((3, 1)), effort=np.ones((3, 1)))
     with pytest.raises(CtcError, match=r'^one: 1 joints; measured has 2$'):
-        in_torques([MEASURED, one], 'motor', [2.0, 2.0])
+        convert_effort([MEASURED, one], 'motor', [2.0, 2.0])
 
 
 def stretch(effort: Array | None, command: Array | None) -> Stretch:
@@ -73,10 +72,10 @@ def stretch(effort: Array | None, command: Array | None) -> Stretch:
     (VALUES, None, 'current', EFFORT)])
 def test_commands_count_unless_an_effort_is_of_the_motor(
         effort: Array | None, command: Array | None, side: str, source: str) -> None:
-    assert torque_source([stretch(effort, command)], side, 'bag') == source
+    assert choose_source([stretch(effort, command)], side, 'bag') == source
 
 
 def test_an_effort_of_which_nothing_is_said_is_refused() -> None:
     with pytest.raises(CtcError, match=r'^bag: .*--effort motor .*--effort current .*--effort '
                        'link'):
-        torque_source([stretch(VALUES, None)], '', 'bag')
+        choose_source([stretch(VALUES, None)], '', 'bag')

@@ -402,7 +402,7 @@ def test_a_torque_limit_is_kept_in_finer_steps() -> None:
 def test_an_impossible_motion_is_refused_with_the_limit_that_it_breaks() -> None:
     with pytest.raises(CtcError, match=r'peak torque of first: .* at most 5 N\*m'):
         Bench(effort=5.0).first(3)
-    with pytest.raises(CtcError, match=r'they touch, lower and wall at .* at least 0\.0\d+ m is needed'):
+    with pytest.raises(CtcError, match=r'they touch, lower and wall at .* at least 0\.0\d+ m'):
         Bench(center=(0.2, 1.2)).first(3)
 
 

@@ -18,18 +18,17 @@ from __future__ import annotations
 import dataclasses
 
 from ctc_chattering.dynamics.drive_response import response
-from ctc_chattering.identification.drives import COMMAND, EFFORT
+from ctc_chattering.identification.drive_search import LAGS
 from ctc_chattering.identification.findings import Reason, Severity
-from ctc_chattering.identification.stretches import Stretch
+from ctc_chattering.identification.stretches import COMMAND, EFFORT, Stretch
 from ctc_chattering.identification.timing import (
-    drives_in_words,
-    lag_in_words,
-    LAGS,
-    Late,
-    rate_limits,
+    describe_drives,
+    describe_lag,
+    estimate_rate_limits,
+    find_timing_doubts,
+    identify_timing,
+    LateCommands,
     Timing,
-    timing,
-    timing_findings,
 )
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
@@ -71,7 +70,7 @@ def searched(command: Array, torque: Array, noise: float, seed: int,
     rows = dataclasses.replace(windows(np.ones_like(shown), shown),
                                t=np.asarray(H * centres, float), centres=centres)
     part = Stretch(0.0, H, np.zeros((COUNT, 1)), None, command[:, None], late)
-    return timing([part], [rows], COMMAND, PHI)
+    return identify_timing([part], [rows], COMMAND, PHI)
 
 
 def delayed(torque: Array, delay: int) -> Array:
@@ -139,7 +138,7 @@ def test_commands_that_may_be_late_widen_the_set() -> None:
         # The sum of delay and lag is known to a sample.
         low, _, high = doubtful.delays[delay][:, 0] + delay * H
         assert low <= 3e-3 + 1e-9 and high >= 5e-3 - 1e-9
-    assert Late(-0.01, 0.01).widen(sure.delays, H, sure.moving) is sure.delays
+    assert LateCommands(-0.01, 0.01).widen(sure.delays, H, sure.moving) is sure.delays
 
 
 def test_a_joint_that_rests_has_no_timing() -> None:
@@ -147,9 +146,9 @@ def test_a_joint_that_rests_has_no_timing() -> None:
     centres = PHI.centres(COUNT, 200)
     rest = dataclasses.replace(windows(np.zeros((len(centres), 1))), centres=centres)
     part = Stretch(0.0, H, np.zeros((COUNT, 1)), None, command[:, None])
-    found = timing([part], [rest], COMMAND, PHI)
+    found = identify_timing([part], [rest], COMMAND, PHI)
     assert found.delays == {} and not found.moving.any()
-    assert lag_in_words(found, 0) == '-'
+    assert describe_lag(found, 0) == '-'
 
 
 def aligned(late: float, noise: float) -> float:
@@ -163,7 +162,7 @@ def aligned(late: float, noise: float) -> float:
                                t=np.asarray(H * centres, float), centres=centres)
     effort = np.interp(t - (0.5 + late) * H, t, true) + rng.normal(0.0, noise, COUNT)
     part = Stretch(0.0, H, np.zeros((COUNT, 1)), effort[:, None], None)
-    return timing([part], [rows], EFFORT, PHI).delay
+    return identify_timing([part], [rows], EFFORT, PHI).delay
 
 
 def test_an_effort_is_late_by_a_filter_only_if_that_shows() -> None:
@@ -190,34 +189,34 @@ def ms(*rows: tuple[float, float]) -> np.ndarray:
 def test_a_set_in_words() -> None:
     found = made({1: ms((3.1, 3.1), (3.5, 3.5), (4.4, 4.4)),
                   2: ms((0.0, 0.1), (0.0, 0.2), (0.5, 0.6))})
-    assert drives_in_words(found) == (
+    assert describe_drives(found) == (
         'delay 1 with lag 3.1 to 4.4 ms, or delay 2 with lag 0 to 0.6 ms')
-    assert lag_in_words(found, 0) == '3.1 to 4.4 ms with delay 1'
-    (one,) = timing_findings(found)
+    assert describe_lag(found, 0) == '3.1 to 4.4 ms with delay 1'
+    (one,) = find_timing_doubts(found)
     assert (one.reason, one.severity) == (Reason.SEVERAL_DELAYS, Severity.NOTE)
-    assert lag_in_words(made({0: ms((0, 0), (0, 0), (0.1, 0.1))}), 1) == 'none, at most 0.1 ms'
+    assert describe_lag(made({0: ms((0, 0), (0, 0), (0.1, 0.1))}), 1) == 'none, at most 0.1 ms'
 
 
 def test_a_lag_at_the_end_needs_care_and_has_its_cause() -> None:
     end = 1e3 * LAGS[-1]
-    (one, other) = timing_findings(made({0: ms((30.0, 0.0), (38.0, 0.0), (end, end))}))
+    (one, other) = find_timing_doubts(made({0: ms((30.0, 0.0), (38.0, 0.0), (end, end))}))
     assert [(x.reason, x.severity, x.joint) for x in (one, other)] == [
         (Reason.UNBOUNDED_LAG, Severity.CARE, joint) for joint in range(2)]
     assert one.values['lag_ms'] == pytest.approx(30.0)
-    (slow,) = timing_findings(made({0: ms((11.0, 0.0), (12.0, 0.0), (13.0, 0.1))}))
+    (slow,) = find_timing_doubts(made({0: ms((11.0, 0.0), (12.0, 0.0), (13.0, 0.1))}))
     assert (slow.reason, slow.severity, slow.joint) == (Reason.LONG_LAG, Severity.CARE, 0)
     assert slow.values['lag_ms'] == pytest.approx(12.0)
-    assert [x.value for x in rate_limits(made({0: ms((0, 0), (0, 0), (end, end))}), JOINTS)
+    assert [x.value for x in estimate_rate_limits(made({0: ms((0, 0), (0, 0), (end, end))}))
             ] == [None, None]
 
 
 def test_rate_limits_with_intervals_or_bounds() -> None:
-    first, second = rate_limits(made({0: NONE}, np.array(
-        [[900.0, 50.0], [1000.0, np.inf], [1100.0, np.inf]])), JOINTS)
+    first, second = estimate_rate_limits(made({0: NONE}, np.array(
+        [[900.0, 50.0], [1000.0, np.inf], [1100.0, np.inf]])))
     assert (first.value, first.half, first.unit) == (1000.0, 100.0, 'N*m/s')
     assert second.value is None and str(second) == 'at least 50 N*m/s'
 
 
-def test_many_delays_are_said() -> None:
-    (many,) = timing_findings(made(dict.fromkeys(range(4), NONE)))
+def test_delays_far_apart_need_care() -> None:
+    (many,) = find_timing_doubts(made(dict.fromkeys(range(4), NONE)))
     assert (many.reason, many.severity) == (Reason.FAR_DELAYS, Severity.CARE)

@@ -18,10 +18,10 @@ from __future__ import annotations
 
 from functools import partial
 
+from ctc_chattering.configuration.topics import JOINT_STATES, PARAMETERS
 from ctc_chattering.live.graph_reader import GraphReader
 from ctc_chattering.ros.parameters import CHANGES
 from ctc_chattering.ros.subscription import qos
-from ctc_chattering.ros.topics import JOINT_STATES, PARAMETERS
 import numpy as np
 from processes import probe
 import pytest
