@@ -31,7 +31,7 @@ from ctc_chattering.identification.friction import JointFriction
 from ctc_chattering.identification.gains import recommend
 from ctc_chattering.identification.identified_robot import corrected_description
 from ctc_chattering.identification.identify import Identification, identify, TorqueSignal
-from ctc_chattering.identification.perturbation import perturbation
+from ctc_chattering.identification.perturbation import measure_perturbation
 from ctc_chattering.identification.recording import Recording
 from ctc_chattering.identification.results import IdentificationResults
 from faults_of_arms import truths
@@ -157,7 +157,7 @@ def outcome(one: Case, recording: Recording, seed: int) -> Outcome:
         text = corrected_description(found, urdf)
         if text:
             model, urdf = make_model('urdf', 9.81, one.robot.joints, text), text
-        run = perturbation(found, bool(text))
+        run = measure_perturbation(found, bool(text))
         results = IdentificationResults(recording.name, found, run,
                                         recommend(found, run, model, (), bool(text)))
     except CtcError as error:

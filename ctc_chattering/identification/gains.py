@@ -40,11 +40,8 @@ from ctc_chattering.identification.findings import (
     Severity,
 )
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.perturbation import (
-    in_digits,
-    MeasuredPerturbation,
-    perturbation_bound,
-)
+from ctc_chattering.identification.perturbation import MeasuredPerturbation
+from ctc_chattering.identification.perturbation_bound import bound_perturbation, round_to_digits
 from ctc_chattering.identification.verdict import verdicts
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -178,7 +175,7 @@ def recommend(identified: Identification, run: MeasuredPerturbation, model: Mode
     """
     delay, lag, _ = identified.timing.drive
     longest = float(longest_lag(identified).max())
-    bound = perturbation_bound(identified, run, model, corrected)
+    bound = bound_perturbation(identified, run, model, corrected)
     weight = [np.abs(model.gravity_torque(q.tolist())) for q in identified.positions.poses]
     drives = torque_rate(identified, bound.change, rate, np.max(weight, axis=0))
     level = [max(0.0, x.coulomb.value or 0.0) for x in identified.friction]
@@ -197,7 +194,7 @@ def recommend(identified: Identification, run: MeasuredPerturbation, model: Mode
         'actuator_lag': ([rounded(x) for x in lag], 'the lag of the drives'),
         'switching': (RECOMMENDED_SWITCHING, 'if you choose law chattering'),
         'observer_bandwidth': (
-            in_digits(bandwidth, 2, np.floor),
+            round_to_digits(bandwidth, 2, np.floor),
             f'if you choose it: {BANDWIDTH_LAG:g} / T with the longest lag of the drives that is '
             f'possible, T = {longest:.3g} s, at most {MOST_BANDWIDTH:g} rad/s'),
         'ka': of_usable(bound.ka, bound.reason),
@@ -229,7 +226,7 @@ def _poles(identified: Identification, slower: float, resolution: float) -> Gain
     possible = identified.timing.delays or {0: identified.timing.drive.lag}
     latest = max(_Latest(lateness(float(lags.max()), period, delay), float(lags.max()), delay)
                  for delay, lags in possible.items())
-    pole = in_digits(slower * largest_pole(latest.lateness), 2, np.floor)
+    pole = round_to_digits(slower * largest_pole(latest.lateness), 2, np.floor)
     ratio = estimator_bandwidth(1.0, resolution)
     return {'kp': ([pole ** 2] * n, f'a double pole at p = {pole:g} rad/s, p (T + h (1 + d)) = '
                    f'{pole * latest.lateness:.2g} ≤ {MAX_POLE_LATENESS:g} with '

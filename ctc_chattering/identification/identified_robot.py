@@ -39,7 +39,7 @@ from ctc_chattering.identification.effort import convert_effort, CURRENT, LINK, 
 from ctc_chattering.identification.findings import ALL_JOINTS, Finding, note, Reason, Severity
 from ctc_chattering.identification.gains import recommend
 from ctc_chattering.identification.identify import Identification, TorqueSignal
-from ctc_chattering.identification.perturbation import perturbation
+from ctc_chattering.identification.perturbation import measure_perturbation
 from ctc_chattering.identification.prior import URDF_UNCERTAINTY
 from ctc_chattering.identification.recorder_faults import repair
 from ctc_chattering.identification.recording import RecordedMotion, Recording
@@ -292,7 +292,7 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
         identified, findings=(*notes, *identified.findings, *correction))
     with suppress(AttributeError, OSError):  # The C library of Linux keeps freed memory.
         ctypes.CDLL(None).malloc_trim(0)
-    run = perturbation(identified, is_corrected)
+    run = measure_perturbation(identified, is_corrected)
     recommended = recommend(identified, run, robot.model, rate or (), is_corrected)
     return IdentifiedRobot(IdentificationResults(name, identified, run, recommended), robot)
 
