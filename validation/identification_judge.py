@@ -36,7 +36,7 @@ from ctc_chattering.identification.identify import (
     identify_recordings,
     TorqueSignal,
 )
-from ctc_chattering.identification.perturbation import perturbation
+from ctc_chattering.identification.perturbation import measure_perturbation
 from ctc_chattering.identification.recording import Recording
 from ctc_chattering.identification.results import IdentificationResults
 from ctc_chattering.identification.sentences import verdict_text
@@ -163,7 +163,7 @@ def outcome(one: Case, recording: Recording, seed: int) -> Outcome:
         text = corrected_description(found, urdf)
         if text:
             model, urdf = make_model('urdf', 9.81, one.robot.joints, text), text
-        run = perturbation(found, bool(text))
+        run = measure_perturbation(found, bool(text))
         results = IdentificationResults(recording.name, found, run,
                                         recommend(found, run, model, (), bool(text)))
     except CtcError as error:

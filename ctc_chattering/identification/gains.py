@@ -37,11 +37,11 @@ from ctc_chattering.control.recommended_gains import (
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.findings import Finding, Reason, Severity
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.perturbation import (
-    in_digits,
-    MeasuredPerturbation,
-    perturbation_bound,
+from ctc_chattering.identification.perturbation import MeasuredPerturbation
+from ctc_chattering.identification.perturbation_bound import (
+    bound_perturbation,
     PerturbationBound,
+    round_to_digits,
 )
 from ctc_chattering.identification.verdict import verdicts
 from ctc_chattering.numerics.linear_algebra import Array
@@ -294,7 +294,7 @@ def recommend(identified: Identification, run: MeasuredPerturbation, model: Mode
     """
     timing, period = identified.timing, identified.clock.period
     delay, lag, _ = timing.drive
-    bound = perturbation_bound(identified, run, model, corrected)
+    bound = bound_perturbation(identified, run, model, corrected)
     weight = [np.abs(model.gravity_torque(q.tolist())) for q in identified.positions.poses]
     drives = torque_rate(identified, bound.change, rate, np.max(weight, axis=0))
     level = [max(0.0, x.coulomb.value or 0.0) for x in identified.friction]
@@ -319,7 +319,7 @@ def recommend(identified: Identification, run: MeasuredPerturbation, model: Mode
         'input_delay': int(delay) if isfinite(delay) else 0,
         'actuator_lag': [rounded(x) for x in lag],
         'switching': RECOMMENDED_SWITCHING,
-        'observer_bandwidth': in_digits(bandwidth, 2, np.floor),
+        'observer_bandwidth': round_to_digits(bandwidth, 2, np.floor),
         'ka': of_usable(bound.ka),
         'friction_level': of_usable(level),
         'torque_rate_limit': of_usable(drives.rate)}
@@ -331,6 +331,6 @@ def recommend(identified: Identification, run: MeasuredPerturbation, model: Mode
 
 def _pole_gains(basis: GainBasis, part: float, n: int) -> Gains:
     """Return the gains of `observer_feedback` of n joints, for a part of the fastest pole."""
-    pole = in_digits(part * largest_pole(basis.latest.lateness), 2, np.floor)
+    pole = round_to_digits(part * largest_pole(basis.latest.lateness), 2, np.floor)
     return {'kp': [pole ** 2] * n, 'kv': [2.0 * pole] * n,
             'estimator_bandwidth': basis.estimator_ratio * pole}

@@ -49,7 +49,7 @@ from ctc_chattering.identification.identify import (
     identify_recordings,
     TorqueSignal,
 )
-from ctc_chattering.identification.perturbation import perturbation
+from ctc_chattering.identification.perturbation import measure_perturbation
 from ctc_chattering.identification.prior import URDF_UNCERTAINTY
 from ctc_chattering.identification.recorder_faults import repair
 from ctc_chattering.identification.recording import RecordedMotion, Recording
@@ -301,7 +301,7 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
         identified, findings=(*findings, *identified.findings, *corrections))
     with suppress(AttributeError, OSError):  # The C library of Linux keeps freed memory.
         ctypes.CDLL(None).malloc_trim(0)
-    run = perturbation(identified, is_corrected)
+    run = measure_perturbation(identified, is_corrected)
     recommended = recommend(identified, run, robot.model, rate or (), is_corrected)
     return IdentifiedRobot(IdentificationResults(name, identified, run, recommended), robot)
 

@@ -170,7 +170,7 @@ class Unknowns:
         """Bounds of all unknowns."""
         positive = {self.body_count + k: 0.0 for k, term in enumerate(self.terms)
                     if term.kind in NOT_NEGATIVE}
-        return self.prior.bounds.with_least(positive)
+        return self.prior.bounds.with_minimum(positive)
 
     def term(self, index: int) -> FrictionTerm:
         """Return the term of friction that an unknown is the coefficient of."""

@@ -73,8 +73,8 @@ class Windows:
         Sign of the velocity, 0 while a joint rests.
     resting : ndarray, shape (J, n)
         Share of the window in which a joint rests.
-    velocity, position, acceleration : ndarray, shape (J, n)
-        [rad/s, rad, rad/s²]; the acceleration by parts.
+    velocity, acceleration : ndarray, shape (J, n)
+        [rad/s, rad/s²]; the acceleration by parts.
     stribeck : ndarray, shape (J, n, S)
         sgn(dq) exp(-(dq / v)²) for each of `STRIBECK_VELOCITIES`.
     load : ndarray, shape (J, n)
@@ -90,7 +90,6 @@ class Windows:
     direction: Array
     resting: Array
     velocity: Array
-    position: Array
     acceleration: Array
     stribeck: Array
     load: Array
@@ -186,7 +185,7 @@ def _terms(
     wide = q[start:last + margin]
     inside = slice(first - start, last - start)
     position, velocity, acceleration = (smooth(wide, period, order)[inside] for order in range(3))
-    difference = np.asarray(np.gradient(wide, period, axis=0))[inside]
+    difference = np.gradient(wide, period, axis=0)[inside]
     centres = centres - first
     dynamics = Dynamics.along(position, velocity, period, model)
     direction = np.where(np.abs(velocity) > threshold, np.sign(velocity), 0.0)
@@ -205,7 +204,6 @@ def _terms(
         'direction': mean(direction),
         'resting': mean(1.0 - np.abs(direction)),
         'velocity': mean(difference),
-        'position': mean(position),
         'acceleration': -phi.sums(difference, phi.slope, centres),
         'stribeck': np.stack(slow, axis=2),
         'load': mean(direction * np.abs(dynamics.torque(acceleration)))}

@@ -35,7 +35,7 @@ from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.identification import results as identification
 from ctc_chattering.identification.gains import recommend
 from ctc_chattering.identification.identify import identify_recordings
-from ctc_chattering.identification.perturbation import perturbation
+from ctc_chattering.identification.perturbation import measure_perturbation
 from ctc_chattering.output_files import file_stem
 from ctc_chattering.runs.compare_page import Outcome, to_markdown
 from ctc_chattering.runs.compare_page import write_page as write_comparison_page
@@ -112,7 +112,7 @@ def of_a_search(name: str, out: Path) -> None:
 def identified() -> identification.IdentificationResults:
     recording = short(duration=3.0).recording
     found = identify_recordings([recording], TwoLink())
-    run = perturbation(found, False)
+    run = measure_perturbation(found, False)
     return identification.IdentificationResults('', found, run, recommend(found, run, TwoLink()))
 
 

@@ -24,12 +24,11 @@ from ctc_chattering.identification.findings import Estimate, Reason, Severity
 from ctc_chattering.identification.gains import torque_rate
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import (
-    MARGIN,
+    measure_perturbation,
     MeasuredPerturbation,
-    perturbation,
-    perturbation_bound,
     tail_bound,
 )
+from ctc_chattering.identification.perturbation_bound import bound_perturbation, MARGIN
 from ctc_chattering.numerics.linear_algebra import Array
 from identified_robots import identified, Recorded
 import numpy as np
@@ -47,7 +46,7 @@ def base() -> Identification:
 
 @cache
 def measured() -> MeasuredPerturbation:
-    return perturbation(base(), False)
+    return measure_perturbation(base(), False)
 
 
 def with_torque(found: Identification, added: Array) -> Identification:
@@ -65,7 +64,7 @@ class Limited(TwoLink):
 
 
 def test_friction_at_the_limits_is_that_of_the_robot() -> None:
-    found = perturbation_bound(base(), measured(), Limited(9.81), False)
+    found = bound_perturbation(base(), measured(), Limited(9.81), False)
     largest = np.array(made().plant.coulomb_friction) + np.multiply(
         made().plant.viscous_friction, [6.0, 8.0])
     assert found.friction == pytest.approx(largest, rel=1e-2)
@@ -74,7 +73,7 @@ def test_friction_at_the_limits_is_that_of_the_robot() -> None:
 
 
 def test_without_limits_the_speed_of_the_run_counts() -> None:
-    found = perturbation_bound(base(), measured(), made().model, False)
+    found = bound_perturbation(base(), measured(), made().model, False)
     assert found.peak == pytest.approx(measured().peak, rel=0.02)
     fastest = np.abs(base().fit.data.windows.velocity).max(axis=0)
     assert (found.velocity <= fastest).all() and (found.velocity > 0.8 * fastest).all()
@@ -83,7 +82,7 @@ def test_without_limits_the_speed_of_the_run_counts() -> None:
 def test_ka_is_cut_to_what_the_drive_gives() -> None:
     model = Limited(9.81)
     model.effort_limits = (500.0, 12.0)
-    found = perturbation_bound(base(), measured(), model, False)
+    found = bound_perturbation(base(), measured(), model, False)
     assert found.ka[1] == 12.0
     (finding,) = found.findings
     assert (finding.reason, finding.severity, finding.joint) == (
@@ -96,7 +95,7 @@ def test_an_outlier_is_named_and_does_not_count(size: float) -> None:
     added = np.zeros_like(base().fit.data.torque)
     k = int(np.flatnonzero(base().fit.data.used.all(axis=1))[40])
     added[k, 0] = size
-    run = perturbation(with_torque(base(), added), False)
+    run = measure_perturbation(with_torque(base(), added), False)
     assert run.peak == pytest.approx(measured().peak, rel=0.02)
     (finding,) = run.outliers()
     assert (finding.reason, finding.joint) == (Reason.OUTLIERS, 0)
@@ -115,7 +114,7 @@ def test_the_tail_is_that_of_the_distribution() -> None:
 
 def test_errors_of_the_model_are_in_the_perturbation() -> None:
     error = 5.0 * np.sin(measured().t)[:, None] * [1.0, 0.0]
-    assert perturbation(with_torque(base(), error), False).tail[0] > 3.0
+    assert measure_perturbation(with_torque(base(), error), False).tail[0] > 3.0
 
 
 def test_the_rate_is_within_what_drives_give() -> None:
@@ -140,6 +139,6 @@ def test_ka_holds_the_largest_viscous_friction_of_its_interval() -> None:
     viscous = base().friction[1].viscous
     wide = dataclasses.replace(viscous, half=viscous.half + 0.5)
     friction = [base().friction[0], dataclasses.replace(base().friction[1], viscous=wide)]
-    before, after = (perturbation_bound(x, measured(), Limited(9.81), False).friction
+    before, after = (bound_perturbation(x, measured(), Limited(9.81), False).friction
                      for x in (base(), dataclasses.replace(base(), friction=friction)))
     assert after - before == pytest.approx([0.0, 0.5 * 8.0])

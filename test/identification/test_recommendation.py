@@ -29,7 +29,7 @@ from ctc_chattering.identification.findings import Estimate, Gap, Reason
 from ctc_chattering.identification.friction import JointFriction
 from ctc_chattering.identification.gains import recommend, Recommendation
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.perturbation import MeasuredPerturbation, perturbation
+from ctc_chattering.identification.perturbation import measure_perturbation, MeasuredPerturbation
 from ctc_chattering.identification.trial_runs import parameter_values
 from ctc_chattering.identification.verdict import verdicts
 from identified_robots import identified, record, Recorded, windows_of
@@ -48,7 +48,7 @@ def base() -> Identification:
 
 @cache
 def measured() -> MeasuredPerturbation:
-    return perturbation(base(), False)
+    return measure_perturbation(base(), False)
 
 
 def recommended(found: Identification | None = None) -> Recommendation:
@@ -97,7 +97,7 @@ def test_another_run_is_predicted_and_ka_holds_there() -> None:
             'velocity_noise': [1e-5] * 2, 'coulomb_friction': list(friction)})
         data = windows_of(base(), other.recording.checked(), made().model)
         fit = dataclasses.replace(base().fit, data=data)
-        run = perturbation(dataclasses.replace(base(), fit=fit), False)
+        run = measure_perturbation(dataclasses.replace(base(), fit=fit), False)
         whole, unexplained = (np.nanmean(np.square(x), axis=0)
                               for x in (run.measured, run.residual))
         assert (unexplained < 0.05 ** 2 * whole).all() == holds

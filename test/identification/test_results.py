@@ -29,7 +29,8 @@ from ctc_chattering.identification.findings import Estimate, Finding, Gap, Reaso
 from ctc_chattering.identification.friction import JointFriction
 from ctc_chattering.identification.gains import GainBasis, LatestTorque, Recommendation
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.perturbation import MeasuredPerturbation, PerturbationBound
+from ctc_chattering.identification.perturbation import MeasuredPerturbation
+from ctc_chattering.identification.perturbation_bound import PerturbationBound
 from ctc_chattering.identification.results import IdentificationResults, write_page
 from ctc_chattering.identification.sensors import Clock
 from ctc_chattering.identification.timing import Timing

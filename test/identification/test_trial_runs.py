@@ -26,7 +26,7 @@ from ctc_chattering.identification import trial_runs as module
 from ctc_chattering.identification.findings import Reason, Severity
 from ctc_chattering.identification.gains import recommend, Recommendation
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.perturbation import MeasuredPerturbation, perturbation
+from ctc_chattering.identification.perturbation import measure_perturbation, MeasuredPerturbation
 from ctc_chattering.identification.trial_runs import (
     draw_robots,
     parameter_values,
@@ -50,7 +50,7 @@ def base() -> Identification:
 
 @cache
 def measured() -> MeasuredPerturbation:
-    return perturbation(base(), False)
+    return measure_perturbation(base(), False)
 
 
 @cache
