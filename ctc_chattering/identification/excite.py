@@ -230,8 +230,8 @@ class Plan:
         for quantity in ('velocity', 'acceleration'):
             names = [joint.name for joint in self.limits if getattr(joint, quantity)[1] == inf]
             if names:
-                joints = 'all joints' if len(names) == len(self.limits) else ', '.join(names)
-                yield (f'The description has no {quantity} limit of {joints}. The one above is '
+                joints = 'any joint' if len(names) == len(self.limits) else ', '.join(names)
+                yield (f'The description has no {quantity} limit of {joints}: those above are '
                        'assumed.')
 
 

@@ -120,11 +120,12 @@ MESSAGES = {
         f'Raise its kp where friction holds it, or r{_RECORD_AGAIN}'),
     Reason.NOT_PREDICTED: Message(
         'not predicted', 'Unseen torque of {joint} is not predicted: the identified model leaves '
-        '{identified:.3g} of {recording:.3g} N*m RMS, and the given model {model:.3g} N*m.',
+        '{identified_rms:.3g} of {recording_rms:.3g} N*m RMS, and the given model '
+        '{model_rms:.3g} N*m.',
         f'Look at the figure of its torque, and r{_RECORD_AGAIN}'),
     Reason.UNEXPLAINED: Message(
-        'unexplained torque', '{identified:.3g} of {recording:.3g} N*m RMS of unseen torque is '
-        'not explained; {systematic:.2g} N*m of it lasts longer than noise. ka contains it.',
+        'unexplained torque', '{identified_rms:.3g} of {recording_rms:.3g} N*m RMS of unseen '
+        'torque is not explained; {systematic_rms:.2g} N*m of it lasts longer than noise. ka contains it.',
         'Look for its cause in the figure of its torque.'),
     Reason.UNCERTAIN: Message(
         'wide interval', 'The motion shows the friction only within wide intervals: {estimates}.',
@@ -167,7 +168,7 @@ MESSAGES = {
         'note', 'The rate of the drives is not known. Give --torque-rate where a drive is slower '
         'than the torque_rate_limit that is recommended.'),
     Reason.NO_GAINS: Message(
-        'gains', 'No gains survive the trial runs. {trial}.', 'First resolve the other findings, '
+        'gains', 'No gains survive the trial runs. {trial}', 'First resolve the other findings, '
         'including those of other joints; they make the intervals wide. Else record a longer '
         'motion of `ctc excite`.')}
 
@@ -232,30 +233,30 @@ def next_step(verdicts: Sequence[Verdict]) -> str:
 
 def gain_reasons(recommended: Recommendation, usable: Sequence[bool]) -> dict[str, str]:
     """Return the reason of each recommended parameter."""
-    basis, values = recommended.basis, recommended.values
-    delays = ' or '.join(map(str, basis.delays))
+    basis, pole = recommended.basis, recommended.pole
     latest = basis.latest
-    pole = recommended.pole
+    delays = ' or '.join(map(str, basis.delays))
     texts = {
-        'law': 'it inverts the lag of drives, and needs no velocities',
-        'input_delay': f'samples from a torque to the motion: {delays or "not known"}',
-        'actuator_lag': 'the lag of the drives',
-        'switching': 'for law chattering, if you choose it',
-        'observer_bandwidth': f'for law chattering: {BANDWIDTH_LAG:g} / T with the longest lag of '
-        f'the drives that is possible, T = {basis.longest_lag:.3g} s, at most '
-        f'{GAIN_LIMITS.max_bandwidth:g} rad/s',
+        'law': 'It inverts the lag of drives, and needs no velocities.',
+        'input_delay': (f'A torque moves the arm after {delays} samples.' if delays else
+                        'The delay is not known.'),
+        'actuator_lag': 'It is the lag of the drives.',
+        'switching': 'Only law chattering uses it.',
+        'observer_bandwidth': f'Only law chattering uses it. It is {BANDWIDTH_LAG:g} / T for the '
+        f'longest possible lag of the drives, T = {basis.longest_lag:.3g} s, at most '
+        f'{GAIN_LIMITS.max_bandwidth:g} rad/s.',
         'ka': _ka_reason(basis, usable),
-        'friction_level': 'the Coulomb friction',
-        'torque_rate_limit': 'the rate that a reversal of friction within '
-        f'{GAIN_LIMITS.reversal_s:g} s, the weight within {GAIN_LIMITS.carried_s:g} s at the '
-        'start and the fastest motion need, within the rate of the drives where it is known',
-        'kp': f'a double pole at p = {pole:g} rad/s, p (T + h (1 + d)) = '
+        'friction_level': 'It is the Coulomb friction.',
+        'torque_rate_limit': 'The fastest motion, a reversal of friction within '
+        f'{GAIN_LIMITS.reversal_s:g} s, and carrying the weight within {GAIN_LIMITS.carried_s:g} s '
+        'at the start need this rate. It is within the rate of the drives where that is known.',
+        'kp': f'The double pole p = {pole:g} rad/s has p (T + h (1 + d)) = '
         f'{pole * latest.lateness:.2g} ≤ {MAX_POLE_LATENESS:g} with T = {latest.lag:.3g} s, '
-        f'h = {basis.period:g} s, d = {latest.delay}',
-        'kv': '2 p',
-        'estimator_bandwidth': f'{basis.estimator_ratio:g} p for positions to '
-        f'{basis.resolution:.2g} rad'}
-    return {name: texts[name] for name in values}
+        f'h = {basis.period:g} s, d = {latest.delay}.',
+        'kv': 'It is 2 p.',
+        'estimator_bandwidth': f'It is {basis.estimator_ratio:g} p for positions that are known '
+        f'to {basis.resolution:.2g} rad.'}
+    return {name: texts[name] for name in recommended.values}
 
 
 def _ka_reason(basis: GainBasis, usable: Sequence[bool]) -> str:
@@ -266,26 +267,28 @@ def _ka_reason(basis: GainBasis, usable: Sequence[bool]) -> str:
 
     bound, run = basis.bound, basis.run
     return (
-        f'{MARGIN:g} times the largest |P| up to {listed(bound.velocity)} rad/s, the limits of '
-        'the description, or the speed of the run where there is none: friction '
-        f'{listed(bound.friction)}, errors of the model {listed(bound.error)}, unexplained '
-        f'{listed(run.tail)} N*m; in the run |P| is at most {listed(run.peak)} N*m')
+        f'It is {MARGIN:g} times the largest |P| of motions with up to {listed(bound.velocity)} '
+        'rad/s: the limits of the description, or the speed of the run where it has none. Parts '
+        f'of |P| are friction of {listed(bound.friction)}, errors of the model of '
+        f'{listed(bound.error)}, and an unexplained torque of {listed(run.tail)} N*m. In the run '
+        f'|P| is at most {listed(run.peak)} N*m.')
 
 
 def trial_text(trial: Trial) -> str:
     """Return the result of trial runs with one pole."""
-    pole = f'p = {trial.pole:g} rad/s'
+    gains = f'The gains with p = {trial.pole:g} rad/s'
     failed = trial.failed
     if failed is None:
-        return f'{pole}: {trial.draws} of {trial.draws} draws survived'
-    draw = failed.draw
-    robot = (f'delay {draw.delay}, lag {draw.lag.max():.3g} s, model {draw.model_scale:.3g} of '
-             f"the robot's, friction {draw.friction_end:+d} of its interval")
+        return f'{gains} survive on all of {trial.draws} simulated robots.'
     if failed.failure:
         cause = failed.failure
     elif failed.error > failed.allowed:
-        cause = (f'RMS error of {failed.joint} {failed.error:.2g} rad, `compensation` '
-                 f'{failed.allowed:.2g} rad')
+        cause = (f'the RMS error of {failed.joint} is {failed.error:.2g} rad, that of '
+                 f'`compensation` {failed.allowed:.2g} rad')
     else:
         cause = f'a joint is at its torque limit for {failed.saturated:.0%} of the time'
-    return f'{pole}: fails in draw {failed.number} of {trial.draws} ({robot}): {cause}'
+    draw = failed.draw
+    return (f'{gains} fail on robot {failed.number} of {trial.draws}: {cause}. This robot has '
+            f'delay {draw.delay}, lag {draw.lag.max():.3g} s, friction at the '
+            f'{"upper" if draw.friction_end > 0 else "lower"} end of its interval, and the model '
+            f"is {draw.model_scale:.3g} of the robot's.")

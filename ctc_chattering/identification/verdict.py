@@ -129,13 +129,13 @@ def _judge(identified: Identification, joint: int) -> Iterator[Finding]:
         yield Finding(Reason.NOT_EXCITED, Severity.REFUSED, joint)
         return
     prediction = identified.prediction
-    values = {name: float(getattr(prediction, f'{name}_rms')[joint])
-              for name in ('recording', 'model', 'identified', 'typical', 'systematic')}
-    lasting, typical = values['systematic'], values['typical']
+    values = {name: float(getattr(prediction, name)[joint]) for name in (
+        'recording_rms', 'model_rms', 'identified_rms', 'typical_rms', 'systematic_rms')}
+    lasting, typical = values['systematic_rms'], values['typical_rms']
     friction = _friction_rms(identified, joint)
     negligible = LIMITS.negligible * friction
-    no_better = LIMITS.max_rms_ratio * min(values['model'], values['recording'])
-    if values['identified'] > no_better and lasting > negligible:
+    no_better = LIMITS.max_rms_ratio * min(values['model_rms'], values['recording_rms'])
+    if values['identified_rms'] > no_better and lasting > negligible:
         yield Finding(Reason.NOT_PREDICTED, Severity.REFUSED, joint, values)
         return
     if (lasting > max(LIMITS.max_lasting * typical, negligible)

@@ -115,7 +115,7 @@ def test_stamps_of_reception_need_care() -> None:
     _, (finding,) = repair(dataclasses.replace(SMOOTH, t=T + late))
     assert (finding.reason, finding.severity, finding.joint) == (
         Reason.STAMPS, Severity.CARE, ALL_JOINTS)
-    assert finding.values['period_ms'] == pytest.approx(1e3 * H, rel=0.01)
+    assert finding.values['period_ms'] == pytest.approx(1e3 * H, rel=0.05)
 
 
 def test_stamps_that_are_coarser_than_the_period_are_refused() -> None:

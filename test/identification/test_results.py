@@ -43,7 +43,7 @@ NAMES = tuple(f'left_manipulator_of_the_second_cell_joint_{k}' for k in range(7)
 #: A number that is only of the joint that is refused.
 SECRET = 7.654321
 #: Values of unseen torque that is not explained.
-UNEXPLAINED = {'identified': 0.918, 'recording': 5.16, 'systematic': 0.34}
+UNEXPLAINED = {'identified_rms': 0.918, 'recording_rms': 5.16, 'systematic_rms': 0.34}
 
 
 def joint_friction(size: float) -> JointFriction:
