@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The terms of friction of a joint, as columns of the regression."""
+"""Terms of a joint's friction, as columns of the regression."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ NOT_NEGATIVE = (TermKind.COULOMB, TermKind.VISCOUS, TermKind.LOAD, TermKind.DEAD
 
 class FrictionTerm(NamedTuple):
     """
-    A column of friction of one joint, over its deviation before any data.
+    Column of friction of one joint, over its prior deviation.
 
     Attributes
     ----------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-All results of an identification: as text for the terminal, as JSON, and as a page.
+Results of an identification as text, JSON and page.
 
 `ctc identify` prints the text and writes the others. Numbers of a joint that is not usable are
 left out of them. The sentences are those of `sentences`.
@@ -46,7 +46,7 @@ from ctc_chattering.identification.sentences import (
 from ctc_chattering.identification.timing import describe_lag
 from ctc_chattering.identification.verdict import Verdict, verdicts
 
-#: Cell of a missing number; the verdict, or the JSON file, says why it is missing.
+#: Cell of a missing number. The verdict, or the JSON file, says why it is missing.
 NO_NUMBER = '-'
 #: Headings of friction in the order of the table, by field.
 FRICTION_HEADINGS = {
@@ -57,7 +57,7 @@ FRICTION_HEADINGS = {
 
 
 class Numbers(NamedTuple):
-    """Numbers of all joints, with their key of the JSON file and their heading."""
+    """Numbers of all joints, with their JSON key and heading."""
 
     key: str
     heading: str
@@ -136,7 +136,7 @@ class IdentificationResults:
     def _table(self, title: str, columns: Mapping[str, Sequence[str]], every: bool = False
                ) -> Table:
         """
-        Return a row a joint, without columns in which no joint has a number.
+        Return a row a joint, without columns of no number.
 
         Numbers of a joint that is not usable are there only if `every` is true.
         """
@@ -159,7 +159,7 @@ class IdentificationResults:
                 for text in self._about_all_joints(severity)]
 
     def verdict_lines(self) -> Iterator[str]:
-        """Yield lines of the verdicts, and before them the reasons that all joints share."""
+        """Yield lines of the verdicts, after the reasons for all joints."""
         for text in self.shared():
             yield from paragraph(f'all joints: {text}')
         for verdict in self.verdicts:
@@ -192,13 +192,13 @@ class IdentificationResults:
         return gain_reasons(self.recommended, [x.usable for x in self.verdicts])
 
     def _usable(self, value: object) -> object:
-        """Return a parameter with None for the joints that are not usable."""
+        """Return a parameter with None for unusable joints."""
         if not isinstance(value, list) or len(value) != len(self.verdicts):
             return value
         return [x if verdict.usable else None for x, verdict in zip(value, self.verdicts)]
 
     def text(self) -> str:
-        """Return it for a terminal, in lines of at most `WIDTH` characters."""
+        """Return it for a terminal of `WIDTH` columns."""
         lines = ['Verdict', *paragraph(next_step(self.verdicts)), *self.verdict_lines(), '']
         for table in self.tables():
             lines += [*paragraph(table.title, 0), *fitted([table.heads, *table.rows]), '']
@@ -246,7 +246,7 @@ def _cells(columns: Sequence[Numbers]) -> dict[str, list[str]]:
 
 
 def _without_number(verdict: Verdict) -> dict[str, Any]:
-    """Return an estimate of a joint that is not usable, as JSON has it."""
+    """Return an estimate of an unusable joint for JSON."""
     return {'value': None, 'reason': verdict.word}
 
 
