@@ -64,15 +64,15 @@ class IdentifiedBodies:
     @classmethod
     def of(cls, fit: Fit, regressor: BodyRegressor) -> IdentifiedBodies:
         """Return the bodies of a fit."""
-        before = np.append(regressor.parameters[:-3], regressor.gravity)
-        values = before + fit.body_change()
+        of_model = np.append(regressor.parameters[:-3], regressor.gravity)
+        values = of_model + fit.body_change()
         values[regressor.inertial_count:-3] = _assumed_rotors(fit, regressor, values)
         strength = float(np.linalg.norm(regressor.gravity))
         if strength:
             values[-3:] *= strength / np.linalg.norm(values[-3:])
             # A smaller turn of gravity is rounding.
-            if angle_between(values[-3:], before[-3:]) < 3e-4:
-                values[-3:] = before[-3:]
+            if angle_between(values[-3:], of_model[-3:]) < 3e-4:
+                values[-3:] = of_model[-3:]
         return cls(regressor, fit, values)
 
     @cached_property

@@ -154,11 +154,11 @@ def joint_friction(fit: Fit, joint: int, systematic: float = 0.0, basic: Fit | N
             halves.append(doubt * (value - float(_row(basic, joint, weights) @ basic.value)))
         return Estimate(value, float(np.linalg.norm(halves)), unit)
 
-    def torque(kind: TermKind, offset: float = 0.0) -> Estimate:
-        return estimate({kind: 1.0, TermKind.OFFSET: offset}, 'N*m', systematic)
+    def torque(term_kind: TermKind, offset: float = 0.0) -> Estimate:
+        return estimate({term_kind: 1.0, TermKind.OFFSET: offset}, 'N*m', systematic)
 
-    def viscous(kind: TermKind) -> Estimate:
-        return estimate({kind: 1.0}, 'N*m*s/rad', systematic / speed)
+    def viscous(term_kind: TermKind) -> Estimate:
+        return estimate({term_kind: 1.0}, 'N*m*s/rad', systematic / speed)
 
     numbers = {'coulomb': torque(TermKind.COULOMB), 'forwards': torque(TermKind.COULOMB, 1.0),
                'backwards': torque(TermKind.COULOMB, -1.0),
@@ -182,7 +182,7 @@ def joint_friction(fit: Fit, joint: int, systematic: float = 0.0, basic: Fit | N
 
 def _row(fit: Fit, joint: int, weights: dict[TermKind, float]) -> Array:
     """Return the weights of x for weighted coefficients, shape (m,)."""
-    rows = [factor * fit.unknowns.row(joint, kind) for kind, factor in weights.items()]
+    rows = [factor * fit.unknowns.row(joint, x) for x, factor in weights.items()]
     return np.asarray(np.sum(rows, axis=0))
 
 

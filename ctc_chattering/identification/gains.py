@@ -323,14 +323,14 @@ def recommend(identified: Identification, run: MeasuredPerturbation, model: Mode
         'ka': of_usable(bound.ka),
         'friction_level': of_usable(level),
         'torque_rate_limit': of_usable(drives.rate)}
-    options = tuple({**shared, **_pole_gains(basis, part, len(lag))}
-                    for part in GAIN_LIMITS.pole_parts)
+    options = tuple({**shared, **_pole_gains(basis, factor, len(lag))}
+                    for factor in GAIN_LIMITS.pole_parts)
     return Recommendation(options[0], basis, (
         *run.outliers(), *run.break_away(), *bound.findings, *drives.findings), options)
 
 
-def _pole_gains(basis: GainBasis, part: float, n: int) -> Gains:
+def _pole_gains(basis: GainBasis, factor: float, n: int) -> Gains:
     """Return the gains of n joints for a part of the fastest pole."""
-    pole = round_to_digits(part * largest_pole(basis.latest.lateness), 2, np.floor)
+    pole = round_to_digits(factor * largest_pole(basis.latest.lateness), 2, np.floor)
     return {'kp': [pole ** 2] * n, 'kv': [2.0 * pole] * n,
             'estimator_bandwidth': basis.estimator_ratio * pole}

@@ -318,14 +318,15 @@ def random_motion(config: ExcitationConfig, bounds: Bounds, share: Array, size: 
         go(quarter, pose + turn)
         go(2.0 * quarter, pose - turn)
         go(quarter, pose)
-        creep, way = times[-1], SHAPE.creeping_way * turn
+        creep = times[-1]
+        run_up = SHAPE.creeping_way * turn
         slowest = SHAPE.creeping_velocities[k % len(SHAPE.creeping_velocities)]
-        speed = np.sign(turn) * np.minimum(slowest, SHAPE.creeping_ratio * np.abs(way) / way_s)
+        speed = np.sign(turn) * np.minimum(slowest, SHAPE.creeping_ratio * np.abs(run_up) / way_s)
         for sign in (1.0, -1.0):
             q = points[-1][0]
-            go(way_s, q + sign * way, sign * speed)
-            go(creeping_s, q + sign * (way + speed * creeping_s), sign * speed)
-            go(SHAPE.stop_s, q + sign * (way + speed * (creeping_s + 0.5 * SHAPE.stop_s)))
+            go(way_s, q + sign * run_up, sign * speed)
+            go(creeping_s, q + sign * (run_up + speed * creeping_s), sign * speed)
+            go(SHAPE.stop_s, q + sign * (run_up + speed * (creeping_s + 0.5 * SHAPE.stop_s)))
         spans.append(SlowSpan(reverse, creep, times[-1]))
     go(schedule.last_s, center)
     sines = Multisine.draw(schedule.multisine_s, n, rng)

@@ -173,21 +173,21 @@ class Unknowns:
         """Return the indices of the terms of friction of a joint."""
         return [self.body_count + k for k, term in enumerate(self.terms) if term.joint == joint]
 
-    def index(self, joint: int, kind: TermKind) -> int | None:
+    def index(self, joint: int, term_kind: TermKind) -> int | None:
         """Return the index of a term of friction, if any."""
         for k in self.of_joint(joint):
-            if self.term(k).kind == kind:
+            if self.term(k).kind == term_kind:
                 return k
         return None
 
-    def row(self, joint: int, kind: TermKind) -> Array:
+    def row(self, joint: int, term_kind: TermKind) -> Array:
         """
         Return the weights of x for a coefficient, shape (m,).
 
         They are 0 without such a term.
         """
         weights = np.zeros(self.count)
-        index = self.index(joint, kind)
+        index = self.index(joint, term_kind)
         if index is not None:
             weights[index] = self.term(index).size
         return weights

@@ -209,10 +209,11 @@ class IdentificationResults:
 
     def as_mapping(self) -> dict[str, Any]:
         """Return it as JSON has it."""
-        found, timing, prediction = self.found, self.found.timing, self.found.prediction
+        numbers = self.found
+        timing, prediction = numbers.timing, numbers.prediction
         return {
-            'bags': self.source, 'joint_names': list(found.joints),
-            'clock': dataclasses.asdict(found.clock),
+            'bags': self.source, 'joint_names': list(numbers.joints),
+            'clock': dataclasses.asdict(numbers.clock),
             'torque_from': timing.source,
             'delays_possible': [
                 {'delay_samples': delay, 'actuator_lag_s': self._usable(lags[1].tolist()),
@@ -220,9 +221,9 @@ class IdentificationResults:
                 for delay, lags in timing.delays.items()],
             'verdicts': [_verdict_mapping(x) for x in self.verdicts],
             'friction': [
-                friction.as_mapping(found.joints) if verdict.usable else
+                friction.as_mapping(numbers.joints) if verdict.usable else
                 {**dict.fromkeys(NUMBERS, _without_number(verdict)), 'coupled': []}
-                for friction, verdict in zip(found.friction, self.verdicts)],
+                for friction, verdict in zip(numbers.friction, self.verdicts)],
             **{x.key: [estimate.as_mapping() for estimate in x.estimates] for x in self.sensors},
             **{x.key: [estimate.as_mapping() if verdict.usable else _without_number(verdict)
                        for estimate, verdict in zip(x.estimates, self.verdicts)]
@@ -232,7 +233,7 @@ class IdentificationResults:
                 'model': prediction.model_rms.tolist(),
                 'model_with_friction': prediction.with_friction_rms.tolist(),
                 'identified': prediction.identified_rms.tolist()},
-            **(found.bodies.as_mapping(found.joints) if found.bodies else {}),
+            **(numbers.bodies.as_mapping(numbers.joints) if numbers.bodies else {}),
             'peak_perturbation_nm': self._usable(self.run.peak.tolist()),
             'recommended': {
                 name: {'value': self._usable(self.recommended.values[name]), 'reason': reason}

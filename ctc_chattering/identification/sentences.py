@@ -250,7 +250,8 @@ def gain_reasons(recommended: Recommendation, usable: Sequence[bool]) -> dict[st
         'friction_level': 'It is the Coulomb friction.',
         'torque_rate_limit': 'The fastest motion, a reversal of friction within '
         f'{GAIN_LIMITS.reversal_s:g} s, and carrying the weight within '
-        f'{GAIN_LIMITS.carried_s:g} s at the start need this rate. It is within the rate of the drives where that is known.',
+        f'{GAIN_LIMITS.carried_s:g} s at the start need this rate. It is within the rate of the '
+        'drives where that is known.',
         'kp': f'The double pole p = {pole:g} rad/s has p (T + h (1 + d)) = '
         f'{pole * latest.lateness:.2g} ≤ {MAX_POLE_LATENESS:g} with T = {latest.lag:.3g} s, '
         f'h = {basis.period:g} s, d = {latest.delay}.',

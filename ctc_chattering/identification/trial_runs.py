@@ -60,7 +60,7 @@ class MotionOfFile:
     """Motion of the parameter file: a sinusoid for each joint."""
 
     #: Part of the range and of the speed of the recorded motion.
-    part: float = 0.5
+    range_part: float = 0.5
     duration_s: float = 10.0
     #: Smooth start.
     start_s: float = 2.0
@@ -191,7 +191,8 @@ def _reference(identified: Identification, model: Model) -> dict[str, Any]:
     fastest = np.minimum(np.abs(identified.fit.data.windows.velocity).max(axis=0), limit)
     frequency = np.linspace(MOTION.first_frequency_hz, MOTION.last_frequency_hz, n)
     largest = np.minimum(0.5 * (high - low), fastest / (2.0 * np.pi * frequency))
-    return {'center': _rounded(0.5 * (low + high)), 'amplitude': _rounded(MOTION.part * largest),
+    amplitude = MOTION.range_part * largest
+    return {'center': _rounded(0.5 * (low + high)), 'amplitude': _rounded(amplitude),
             'frequency': _rounded(frequency, 3), 'phase': _rounded(0.5 * np.arange(n), 3)}
 
 
