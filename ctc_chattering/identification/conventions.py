@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Conventions of a recorded torque: its unit, its sign, and the order of its joints.
+Conventions of a recorded torque: unit, sign and order.
 
 `identify` calls these checks once the windows are computed. They refuse a torque of another unit,
 sign or order, since the regression would make wrong masses out of it.
@@ -24,8 +24,8 @@ from collections.abc import Sequence
 import dataclasses
 from typing import NamedTuple
 
-from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.findings import Estimate, Finding, Reason, Severity
+from ctc_chattering.identification.recording import RecordingError, RecordingFault
 from ctc_chattering.identification.regression import Observations
 from ctc_chattering.identification.stretches import COMMAND, EFFORT
 from ctc_chattering.identification.torque_shape import (
@@ -78,7 +78,7 @@ class Conventions(NamedTuple):
     findings : tuple of Finding
         Doubts about these.
     estimates : tuple of Estimate, length n
-        Constants that were identified; empty where the signal is a torque.
+        Identified constants, empty where the signal is a torque.
 
     """
 
@@ -89,7 +89,7 @@ class Conventions(NamedTuple):
 
 def check_torque(data: Observations, joints: Sequence[str], source: str) -> tuple[Finding, ...]:
     """
-    Return findings on the joints whose torque has another unit than the others.
+    Return the joints whose torque has another unit.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def check_torque(data: Observations, joints: Sequence[str], source: str) -> tupl
 
     Raises
     ------
-    CtcError
+    RecordingError
         If the torque has another unit, or no weight.
 
     """
@@ -117,7 +117,8 @@ def check_torque(data: Observations, joints: Sequence[str], source: str) -> tupl
     middle = int(np.searchsorted(np.cumsum(loads[order]), 0.5 * loads.sum()))
     median = float(factors[order][min(middle, len(order) - 1)])
     if not LIMITS.min_factor <= median <= LIMITS.max_factor:
-        raise CtcError(
+        raise RecordingError(
+            RecordingFault.UNIT,
             f'the {SIGNAL_NAMES[source]} has {median:.2g} times the weight of the model: it is no '
             'torque in N*m at the joint, or the model is another robot. For a current give '
             '--effort current; for another unit --torque-constant; for a robot that carries its '
@@ -127,13 +128,13 @@ def check_torque(data: Observations, joints: Sequence[str], source: str) -> tupl
 
 
 def _is_possible(factor: Factor) -> bool:
-    """Return whether the weight may be that of a torque of this robot."""
+    """Return whether this robot may have such a weight."""
     half = 2.0 * factor.error
     return factor.value + half > LIMITS.min_factor and factor.value - half < LIMITS.max_factor
 
 
 def _other_unit(name: str, joint: int, factor: Factor, source: str) -> Finding:
-    """Return the finding on a joint with much less, or much more, weight than the model."""
+    """Return the finding on a joint with another weight than the model."""
     text = (f'The {SIGNAL_NAMES[source]} of {name} has {factor.value:.2g} ± '
             f'{2.0 * factor.error:.1g} times the weight of the model')
     if factor.value > LIMITS.max_factor:
@@ -149,14 +150,14 @@ def _other_unit(name: str, joint: int, factor: Factor, source: str) -> Finding:
 
 def check_sign(data: Observations, joints: Sequence[str], source: str) -> Conventions:
     """
-    Return the signs of the torque; friction and inertia of the other sign would drive a joint.
+    Return the sign of each joint's torque.
 
-    They have the same sign however the base is mounted. Where neither shows, the weight decides,
-    though an arm that hangs from the ceiling has that with the other sign.
+    Friction and inertia have the same sign however the base is mounted. Where neither shows, the
+    weight decides, though an arm that hangs from the ceiling has that with the other sign.
 
     Raises
     ------
-    CtcError
+    RecordingError
         If the torque has the other sign.
 
     """
@@ -174,7 +175,8 @@ def check_sign(data: Observations, joints: Sequence[str], source: str) -> Conven
         cure = 'Turn the sign of the recorded commands, or name their topic with --commands'
         if source == EFFORT:
             cure = 'Turn the sign with --torque-constant=-1'
-        raise CtcError(
+        raise RecordingError(
+            RecordingFault.SIGN,
             f'the {SIGNAL_NAMES[source]} has the other sign: friction or inertia below 0{weight}. '
             f'{cure}')
     constant = np.ones(len(joints))
@@ -192,7 +194,7 @@ def check_sign(data: Observations, joints: Sequence[str], source: str) -> Conven
 
 
 def check_order(data: Observations, joints: Sequence[str]) -> None:
-    """Raise `CtcError` if the columns of commands fit other joints better."""
+    """Raise `RecordingError` if the columns of commands fit other joints better."""
     moving = np.flatnonzero(data.moving).tolist()
     if len(moving) < 2:
         return
@@ -209,7 +211,8 @@ def check_order(data: Observations, joints: Sequence[str]) -> None:
     improvement = np.log(as_recorded / reordered).mean()
     is_better = improvement > np.log(LIMITS.min_improvement)
     if is_better and (reordered < LIMITS.max_unexplained).all():
-        raise CtcError(
+        raise RecordingError(
+            RecordingFault.ORDER,
             f'the commands do not fit the joints in the order {",".join(joints)}: they leave '
             f"{as_recorded.max():.0%} of a joint's torque unexplained, and {reordered.max():.0%} "
             'in another order; give --joints in their order')

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Torque of one joint as a sum of weight, inertial torque and friction, each with a factor.
+Torque of a joint as weight, inertial torque and friction, each with a factor.
 
 `conventions.py` and `torque_constants.py` judge units and signs by these factors. A factor of the
 weight far from 1 means another unit. Friction or inertia below 0 means the other sign.
@@ -28,7 +28,7 @@ import numpy as np
 
 
 class Factor(NamedTuple):
-    """Factor of a column of the torque, with its standard error; inf where none shows."""
+    """Factor of a column of the torque, with its standard error or inf."""
 
     value: float
     error: float
@@ -92,7 +92,7 @@ class TorqueShape(NamedTuple):
 
     @property
     def shows_weight(self) -> bool:
-        """Whether the factor of the weight is known to 15 %."""
+        """Return whether the factor of the weight is known to 15 %."""
         return self.weight.error < 0.15 * max(abs(self.weight.value), 0.5)
 
 
@@ -120,7 +120,11 @@ def fit_shape(data: Observations, joint: int, signal: int | None = None) -> Torq
 
 
 def fit_beside_any_gravity(data: Observations, joint: int) -> Factors:
-    """Return factors of direction and inertial torque first, beside weight along any direction."""
+    """
+    Return factors of a torque beside weight along any direction.
+
+    The first two are those of the direction and of the inertial torque.
+    """
     windows, used = data.windows, data.used[:, joint]
     weight = windows.weight[used, joint]
     inertial = windows.model_torque[used, joint] - weight
@@ -131,7 +135,7 @@ def fit_beside_any_gravity(data: Observations, joint: int) -> Factors:
 
 
 def friction_columns(data: Observations, joint: int, used: Flags) -> Array:
-    """Return direction, velocity and a constant in some windows, shape (rows, 3)."""
+    """Return direction, velocity and a constant, shape (rows, 3)."""
     windows = data.windows
     return np.column_stack((
         windows.direction[used, joint], windows.velocity[used, joint], np.ones(int(used.sum()))))

@@ -20,11 +20,13 @@ import dataclasses
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.conventions import check_order, check_sign, check_torque
 from ctc_chattering.identification.findings import Reason, Severity
+from ctc_chattering.identification.recording import RecordingFault
 from ctc_chattering.identification.stretches import COMMAND, EFFORT
 from made_up_windows import observed
 import numpy as np
 from panda_torques import COULOMB, JOINTS, panda_torque, scaled_torque, turned_base, VISCOUS
 import pytest
+from refusals import refused
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
 
@@ -43,7 +45,7 @@ def test_another_unit_is_refused_with_its_options(factor: float) -> None:
 
 def test_a_torque_without_the_weight_is_refused() -> None:
     rows, _, torque = panda_torque()
-    with pytest.raises(CtcError, match='carries its weight itself --gravity 0'):
+    with refused(RecordingFault.UNIT):
         check_torque(observed(rows, torque - rows.weight), JOINTS, COMMAND)
 
 
@@ -53,7 +55,6 @@ def test_a_joint_in_another_unit_is_named() -> None:
     (finding,) = check_torque(scaled_torque(factor), JOINTS, EFFORT)
     assert (finding.reason, finding.severity, finding.joint) == (
         Reason.UNITS, Severity.REFUSED, 3)
-    assert JOINTS[3] in finding.text and '--torque-constant' in finding.cure
 
 
 def test_a_load_at_the_tip_is_no_other_unit() -> None:
@@ -61,13 +62,13 @@ def test_a_load_at_the_tip_is_no_other_unit() -> None:
     rows, _, torque = panda_torque()
     heavier = torque + rows.weight * np.array([0.0, 0.2, 0.3, 0.3, 5.0, 5.0, 5.0])
     findings = check_torque(observed(rows, heavier), JOINTS, EFFORT)
-    assert findings and all(x.severity == Severity.CARE and 'tool' in x.text for x in findings)
+    assert findings and all(x.severity == Severity.CARE for x in findings)
 
 
 def test_the_other_sign_is_refused_with_the_option_that_turns_it() -> None:
     with pytest.raises(CtcError, match=r'has the other sign: .*--torque-constant=-1'):
         check_sign(scaled_torque(-1.0), JOINTS, EFFORT)
-    with pytest.raises(CtcError, match=r'has the other sign: .* sign of the recorded commands'):
+    with refused(RecordingFault.SIGN):
         check_sign(scaled_torque(-1.0), JOINTS, COMMAND)
 
 
@@ -80,7 +81,7 @@ def test_an_arm_on_the_ceiling_has_its_sign(friction: bool) -> None:
         away = rows.direction * COULOMB + rows.velocity * VISCOUS
         ceiling = observed(rows, ceiling.torque - away)
     check_sign(ceiling, JOINTS, EFFORT)
-    with pytest.raises(CtcError, match='the other sign'):
+    with refused(RecordingFault.SIGN):
         check_sign(observed(rows, -ceiling.torque), JOINTS, EFFORT)
 
 
@@ -88,7 +89,7 @@ def test_an_arm_on_the_ceiling_has_its_sign(friction: bool) -> None:
     (1, 0, 2, 3, 4, 5, 6), (0, 1, 2, 3, 4, 6, 5), (6, 5, 4, 3, 2, 1, 0), (1, 2, 0, 3, 4, 5, 6)])
 def test_another_order_is_refused(order: tuple[int, ...]) -> None:
     rows, _, torque = panda_torque()
-    with pytest.raises(CtcError, match=r'give --joints in their order$'):
+    with refused(RecordingFault.ORDER):
         check_order(observed(rows, torque[:, order]), JOINTS)
 
 

