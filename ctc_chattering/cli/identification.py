@@ -18,10 +18,9 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from math import inf
 from pathlib import Path
 
-from ctc_chattering.analysis.tables import fitted, paragraph
+from ctc_chattering.analysis.tables import paragraph
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_declared, add_number, add_output, add_params_file, words
 from ctc_chattering.cli.presentation import print_page
@@ -34,7 +33,6 @@ from ctc_chattering.identification.excite import (
     EXCITE,
     excite,
     MOTION,
-    Plan,
     RUN,
     write_excitation,
 )
@@ -53,7 +51,6 @@ from ctc_chattering.identification.identified_robot import (
 from ctc_chattering.identification.random_motions import ExcitationConfig
 from ctc_chattering.identification.table_motion import read_table, SUFFIX
 from ctc_chattering.output_files import check_folder
-import numpy as np
 
 #: What is asked of the motion: parameters that are options.
 _ASKED = {name: dataclasses.replace(spec, default=None) if name in ('center', 'friction') else spec
@@ -86,43 +83,13 @@ def run_excite(options: argparse.Namespace) -> int:
     out = options.out
     check_folder(out, EXCITE, options.overwrite)
     with as_usage_error(_ASKED):
-        found = excite(setup, {name: x for name in _ASKED
-                               if (x := getattr(options, name)) is not None}, options.joints)
-    write_excitation(found, setup, out, options.overwrite)
-    _show_motion(found)
-    print(f'{len(found.excitation.times) - 1} waypoints: {out / MOTION}; play them with bringup '
+        plan = excite(setup, {name: x for name in _ASKED
+                              if (x := getattr(options, name)) is not None}, options.joints)
+    write_excitation(plan, setup, out, options.overwrite)
+    print(plan.text())
+    print(f'{len(plan.excitation.times) - 1} waypoints: {out / MOTION}; play them with bringup '
           f'{out / RUN}')
     return 0
-
-
-def _show_motion(found: Plan) -> None:
-    """Print what the motion reaches of what it may, and what is foretold of it."""
-    bounds, (q, dq, ddq) = found.bounds, found.motion
-    rows: list[tuple[str, ...]] = [
-        ('joint', 'position', 'velocity', 'accel.', 'torque', 'kp', 'kv', 'sticks')]
-    for i, joint in enumerate(found.limits):
-        peaks = zip((np.abs(x[:, i]).max() for x in (dq, ddq, found.tau)),
-                    (bounds.velocity[i], bounds.acceleration[i], found.effort[i]))
-        rows.append((
-            joint.name, f'{q[:, i].min():.2f} to {q[:, i].max():.2f}',
-            *(f'{most:.3g}/{limit:.4g}' for most, limit in peaks), f'{found.kp[i]:g}',
-            f'{found.kv[i]:g}', f'{found.hold[i]:.3f}'))
-    print('\n'.join(fitted(rows, 0)))
-    links = found.links
-    if links is None:
-        _say('warning: the motion is not checked for collisions of the robot with itself: '
-             f'{found.nearest}')
-    else:
-        _say(f'nearest approach of two links: {found.nearest} is kept')
-        for what, names in (('these touch at the centre', links.touching),
-                            ('no collision shapes of', links.unseen)):
-            if names:
-                _say(f'warning: not checked, {what}: {", ".join(names)}')
-    for quantity in ('velocity', 'acceleration'):
-        names = [joint.name for joint in found.limits if getattr(joint, quantity)[1] == inf]
-        if names:
-            _say(f'no {quantity} limit in the description, so the one above is assumed: '
-                 + ('all joints' if len(names) == len(found.limits) else ', '.join(names)))
 
 
 def _say(text: str) -> None:

@@ -57,12 +57,17 @@ class LinkShapes(NamedTuple):
 
 
 class Approach(NamedTuple):
-    """The instant at which two links have the least to spare."""
+    """The two links, and the time [s], of the least distance in proportion to the required one."""
 
-    #: Distance over the required one, less 1.
-    spare: float
-    #: Links, time, distance and required distance, as a user reads them.
-    text: str
+    links: tuple[str, str]
+    t: float
+    distance: float
+    required: float
+
+    @property
+    def spare(self) -> float:
+        """Distance over the required one, less 1."""
+        return self.distance / self.required - 1.0
 
 
 class SelfCollision:
@@ -149,7 +154,7 @@ class SelfCollision:
 
     def nearest(self, t: Array, q: Array) -> Approach:
         """
-        Return the approach with the least to spare.
+        Return the nearest approach of two links.
 
         Parameters
         ----------
@@ -160,18 +165,9 @@ class SelfCollision:
 
         """
         distances = self._distances(self._checked, q)
-        spare = distances / self._required - 1.0
-        k, pair = divmod(int(spare.argmin()), len(self.pairs))
-        distance = float(distances[k, pair])
-        first, second = self.pairs[pair]
-        shown = f'{distance:.2g} m' if distance > 0.0 else 'they touch'
-        return Approach(
-            float(spare[k, pair]),
-            (
-                f'{shown}, {first} and {second} at {t[k]:.1f} s; at least '
-                f'{self._required[pair]:.2g} m'
-            ),
-        )
+        k, pair = divmod(int((distances / self._required).argmin()), len(self.pairs))
+        return Approach(self.pairs[pair], float(t[k]), float(distances[k, pair]),
+                        float(self._required[pair]))
 
     def _distances(self, pairs: Sequence[tuple[int, int]], q: Array) -> Array:
         """Return the distances of pairs of shapes at positions q, (N, n), shape (N, pairs) [m]."""

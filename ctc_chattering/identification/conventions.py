@@ -87,7 +87,7 @@ class Conventions(NamedTuple):
     estimates: tuple[Estimate, ...] = ()
 
 
-def check_torque(data: Observations, joints: Sequence[str], source: str) -> tuple[Finding, ...]:
+def check_torque(data: Observations, source: str) -> tuple[Finding, ...]:
     """
     Return the joints whose torque has another unit.
 
@@ -95,8 +95,6 @@ def check_torque(data: Observations, joints: Sequence[str], source: str) -> tupl
     ----------
     data : Observations
         Windows with the torque.
-    joints : sequence of str, length n
-        Names.
     source : str
         `COMMAND` or `EFFORT`.
 
@@ -123,7 +121,7 @@ def check_torque(data: Observations, joints: Sequence[str], source: str) -> tupl
             'torque in N*m at the joint, or the model is another robot. For a current give '
             '--effort current; for another unit --torque-constant; for a robot that carries its '
             'weight itself --gravity 0')
-    return tuple(_other_unit(joints[joint], joint, factor, source)
+    return tuple(_other_unit(joint, factor, source)
                  for joint, factor in weights.items() if not _is_possible(factor))
 
 
@@ -133,19 +131,13 @@ def _is_possible(factor: Factor) -> bool:
     return factor.value + half > LIMITS.min_factor and factor.value - half < LIMITS.max_factor
 
 
-def _other_unit(name: str, joint: int, factor: Factor, source: str) -> Finding:
+def _other_unit(joint: int, factor: Factor, source: str) -> Finding:
     """Return the finding on a joint with another weight than the model."""
-    text = (f'The {SIGNAL_NAMES[source]} of {name} has {factor.value:.2g} ± '
-            f'{2.0 * factor.error:.1g} times the weight of the model')
+    reason, severity = Reason.UNITS, Severity.REFUSED
     if factor.value > LIMITS.max_factor:
-        return Finding(
-            Reason.UNITS, Severity.CARE, joint,
-            f'{text}. The arm has a tool or payload that the URDF lacks, or the torque has '
-            'another unit', 'Add the tool to the URDF')
-    return Finding(
-        Reason.UNITS, Severity.REFUSED, joint,
-        f'{text}. The torque has another unit or another gear ratio, or a mass in the URDF is '
-        'wrong', 'Give --torque-constant, or correct the URDF')
+        reason, severity = Reason.TOOL, Severity.CARE
+    return Finding(reason, severity, joint, {
+        'signal': SIGNAL_NAMES[source], 'factor': factor.value, 'error': 2.0 * factor.error})
 
 
 def check_sign(data: Observations, joints: Sequence[str], source: str) -> Conventions:
@@ -187,9 +179,8 @@ def check_sign(data: Observations, joints: Sequence[str], source: str) -> Conven
         friction = factors[joint][0]
         findings.append(Finding(
             Reason.SIGN, Severity.REFUSED, joint,
-            f'The {SIGNAL_NAMES[source]} of {joints[joint]} has the other sign than that of other '
-            f'joints: friction of {friction.value:.2g} ± {2.0 * friction.error:.1g} N*m',
-            f'Turn it with --torque-constant={option}'))
+            {'signal': SIGNAL_NAMES[source], 'friction': friction.value,
+             'error': 2.0 * friction.error, 'option': option}))
     return Conventions(constant, tuple(findings))
 
 

@@ -11,7 +11,12 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Identification of a robot from recorded motions: numbers, corrected URDF, gains and files."""
+"""
+Identification of a robot from recorded motions: numbers, corrected URDF, gains and files.
+
+`ctc identify` and the Python API call `identify` with the motions of bags or tables, then
+`write_identified`, which tries the gains in simulation and writes all files.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +28,7 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.arm_knowledge import ASSUMED_ROTOR
 from ctc_chattering.configuration.compilation import compile_setups, has_compiler
@@ -34,11 +40,15 @@ from ctc_chattering.dynamics.registry import DESCRIBED, locked_positions, make_m
 from ctc_chattering.dynamics.urdf_model import SingularInertia
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import ParameterError, UsageError
-from ctc_chattering.identification import identify as regression
 from ctc_chattering.identification.effort import convert_effort, CURRENT, LINK, MOTOR
-from ctc_chattering.identification.findings import ALL_JOINTS, Finding, note, Reason, Severity
+from ctc_chattering.identification.findings import Finding, Reason, Severity
 from ctc_chattering.identification.gains import recommend
-from ctc_chattering.identification.identify import Identification, TorqueSignal
+from ctc_chattering.identification.identify import (
+    common_period,
+    Identification,
+    identify_recordings,
+    TorqueSignal,
+)
 from ctc_chattering.identification.perturbation import measure_perturbation
 from ctc_chattering.identification.prior import URDF_UNCERTAINTY
 from ctc_chattering.identification.recorder_faults import repair
@@ -46,9 +56,9 @@ from ctc_chattering.identification.recording import RecordedMotion, Recording
 from ctc_chattering.identification.results import IdentificationResults, write_page
 from ctc_chattering.identification.sensors import estimate_velocity_noise
 from ctc_chattering.identification.trial_runs import (
-    COUNT,
-    COUNT_PLAIN,
+    COMPILED_COUNT,
     parameter_values,
+    PLAIN_COUNT,
     setups_tried,
     trial_runs,
     Values,
@@ -58,16 +68,18 @@ from ctc_chattering.output_files import check_format, new_folder, write_json, wr
 from ctc_chattering.parameters import check_not_empty, checked_integer, LEAST, Parameter
 import numpy as np
 
-#: Rate of the drives, as the user declares it.
+#: Declaration of the rate of the drives.
 TORQUE_RATE = Parameter('torque_rate', 'float[]', None, 'rate limit of the drives', unit='N*m/s',
                         minimum=LEAST, shape='n')
-#: Torque constants, as the user declares them.
+#: Declaration of torque constants.
 TORQUE_CONSTANT = Parameter('torque_constant', 'float[]', None, 'torque at the joint per ampere '
                             'of a current [N·m/A], or per N·m of the motor: gear ratio included',
                             shape='n')
-#: Uncertainty of the URDF, as the user declares it.
+#: Declaration of the uncertainty of the URDF.
 UNCERTAINTY = Parameter('urdf_uncertainty', 'float', URDF_UNCERTAINTY, 'uncertainty of a body '
                         'of the URDF, as a part of its mass and size', minimum=LEAST, maximum=10.0)
+#: Declaration of gravity.
+GRAVITY = ControllerConfig.parameters()['gravity']
 #: Kinds of a measured effort.
 SIDES = ('', MOTOR, LINK, CURRENT)
 #: Names in the directory of `write_identified`.
@@ -83,8 +95,6 @@ IDENTIFY = 'ctc identify'
 MOUNT_NOTE_RAD = 0.02
 #: Acceleration of gravity where nothing says otherwise [m/s²].
 USUAL_GRAVITY = 9.81
-#: What is allowed of it.
-GRAVITY = ControllerConfig.parameters()['gravity']
 
 
 @dataclasses.dataclass(frozen=True)
@@ -151,7 +161,7 @@ def corrected_description(identified: Identification, description: str,
     description : str
         The URDF of the model; empty for another model.
     locked : mapping of str to float, optional
-        As the model has it.
+        Positions of joints that the model fixes [rad].
 
     """
     bodies = identified.bodies
@@ -160,28 +170,25 @@ def corrected_description(identified: Identification, description: str,
     return bodies.description(description, identified.joints, locked)
 
 
-def correction_notes(identified: Identification, name: str) -> Iterator[Finding]:
-    """Yield what the URDF `name` has that the given one has not."""
+def correction_findings(identified: Identification, file: str) -> Iterator[Finding]:
+    """Yield the differences of a corrected URDF, by its name, from the given one."""
     bodies = identified.bodies
     assert bodies is not None
-    change = ', '.join(f'{x:.2g}' for x in bodies.change_rms())
-    yield note(f'{name} has the identified bodies, which change the torque by {change} N*m RMS in '
-               'this motion')
+    yield Finding(Reason.CORRECTED, Severity.NOTE, values={
+        'file': file, 'change': bodies.change_rms().tolist()})
     if bodies.turn > MOUNT_NOTE_RAD:
-        yield Finding(
-            Reason.MOUNT, Severity.CARE, ALL_JOINTS, 'Gravity is along '
-            f'{np.round(bodies.gravity, 2).tolist()} m/s² in the frame of the base, turned by '
-            f'{np.degrees(bodies.turn):.2g} degrees from the URDF: the base is mounted like that, '
-            f'and {name} has it', 'Confirm the mounting')
+        yield Finding(Reason.MOUNT, Severity.CARE, values={
+            'file': file, 'gravity': bodies.gravity.tolist(),
+            'degrees': float(np.degrees(bodies.turn))})
     for joint, rotor in enumerate(bodies.rotors):
         if rotor.value is not None and rotor.value - rotor.half > 0.0:
-            yield note(f'{name} has a rotor inertia of {rotor}', joint)
+            yield Finding(Reason.ROTOR, Severity.NOTE, joint, {'file': file, 'rotor': rotor})
 
 
 @dataclasses.dataclass(frozen=True)
 class IdentifiedRobot:
     """
-    A robot as `identify` has found it.
+    An identified robot.
 
     Attributes
     ----------
@@ -232,7 +239,7 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
     gravity : float, optional
         In place of that of the recording, or 9.81 [m/s²].
     side : {'', 'motor', 'link', 'current'}
-        What the effort is: torque of the motor, torque of a sensor behind the gear, or a current;
+        Kind of the effort: torque of the motor, torque of a sensor behind the gear, or a current;
         empty where it is not used.
     torque_rate : sequence of float, length n
         Rate that the drives allow [N·m/s]; empty where it is not known.
@@ -243,7 +250,7 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
         For each motion the mass of a known payload [kg], 0 for none, and the link that has it at
         its origin. A motion with one beside a motion without tells torque constants from masses.
     urdf_uncertainty : float
-        By which part of itself a body of the URDF may be wrong.
+        Uncertainty of a body of the URDF, as a part of the body.
 
     Returns
     -------
@@ -266,30 +273,32 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
         for spec, x in ((TORQUE_CONSTANT, torque_constant), (TORQUE_RATE, torque_rate)))
     uncertainty = UNCERTAINTY.checked(urdf_uncertainty)
     recordings, side = convert_effort([x.recording for x in motions], side, constant)
-    notes = [*map(note, (text for x in motions for text in x.notes))]
+    findings = [Finding(Reason.RECORDING, Severity.NOTE, values={'text': text})
+                for x in motions for text in x.notes]
     controller = motions[0].controller
-    robot = _robot(motions[0], model, urdf, gravity, notes)
+    robot = _robot(motions[0], model, urdf, gravity, findings)
     del motions  # Long ones are large.
     payloads = _checked_payloads(payloads, len(recordings), robot, joints)
-    notes += [note(f'{x.name}: a ball of {mass:g} kg, radius 5 cm, at the origin of {link}')
-              for x, (mass, link) in zip(recordings, payloads) if mass]
+    findings += [Finding(Reason.PAYLOAD, Severity.NOTE, values={
+        'recording': recording.name, 'mass': mass, 'link': link})
+        for recording, (mass, link) in zip(recordings, payloads) if mass]
     name = ', '.join(x.name for x in recordings)
     for k in range(len(recordings)):
-        recordings[k], findings = repair(recordings[k])
-        recordings[k] = _turning_on(recordings[k], controller, robot.model)
-        notes += findings
+        recordings[k], repairs = repair(recordings[k])
+        recordings[k] = _count_turns(recordings[k], controller, robot.model)
+        findings += repairs
     # Velocities are needed no more after this.
-    velocities = estimate_velocity_noise(recordings[0], regression.common_period(recordings))
+    velocities = estimate_velocity_noise(recordings[0], common_period(recordings))
     recordings = [dataclasses.replace(x, dq=None) for x in recordings]
-    identified = regression.identify(
+    identified = identify_recordings(
         recordings, robot.model, TorqueSignal(side, uncertainty),
         robot.loaded(payloads, joints), velocities)
     del recordings
     robot = robot.corrected(identified)
     is_corrected = CORRECTED in robot.files
-    correction = correction_notes(identified, CORRECTED) if is_corrected else ()
+    corrections = correction_findings(identified, CORRECTED) if is_corrected else ()
     identified = dataclasses.replace(
-        identified, findings=(*notes, *identified.findings, *correction))
+        identified, findings=(*findings, *identified.findings, *corrections))
     with suppress(AttributeError, OSError):  # The C library of Linux keeps freed memory.
         ctypes.CDLL(None).malloc_trim(0)
     run = measure_perturbation(identified, is_corrected)
@@ -308,8 +317,8 @@ def _checked_payloads(payloads: Sequence[tuple[float, str]], count: int, robot: 
     return [(mass, link or tip_of(Tree(robot.description), joints)) for mass, link in payloads]
 
 
-def _turning_on(recording: Recording, controller: ControllerConfig | None, model: Model
-                ) -> Recording:
+def _count_turns(recording: Recording, controller: ControllerConfig | None, model: Model
+                 ) -> Recording:
     """Return a recording whose continuous joints count their turns also over pauses."""
     described = dict(zip(recording.joints, model.continuous))
     named = (DESCRIBED,) if controller is None else controller.continuous_joints
@@ -320,7 +329,7 @@ def _turning_on(recording: Recording, controller: ControllerConfig | None, model
 
 
 def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None,
-           notes: list[Finding]) -> RobotModel:
+           findings: list[Finding]) -> RobotModel:
     """Return the model for a motion, from arguments, the recording, or both."""
     controller, description = motion.controller, urdf or motion.description
     name = model or ('urdf' if urdf else controller.model if controller else
@@ -341,9 +350,8 @@ def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None,
             raise
         description = with_rotors(description, rotors)
         dynamics = make_model(name, gravity, joints, description, positions)
-        words = ', '.join(f'{joint} {inertia:.2g} kg*m^2' for joint, inertia in rotors.items())
-        notes.append(note(
-            f'The URDF has too little inertia for some joints. Rotors are assumed: {words}'))
+        findings.append(Finding(Reason.ASSUMED_ROTORS, Severity.NOTE, values={'rotors': {
+            joint: rounded(inertia, 2) for joint, inertia in rotors.items()}}))
     shared: dict[str, Any] = {'model': name, 'gravity': gravity}
     if any(locked):
         shared['locked'] = list(locked)
@@ -400,7 +408,7 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
     """
     check_format(extra)
     if trials is None:
-        trials = COUNT if has_compiler() else COUNT_PLAIN
+        trials = COMPILED_COUNT if has_compiler() else PLAIN_COUNT
     checked_integer('trials', trials, 0)
     with new_folder(Path(out), IDENTIFY, overwrite) as folder:
         for name, text in identified.robot.files.items():

@@ -20,7 +20,7 @@ has the bound for other motions, and the results show P over the run.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 import dataclasses
 
 from ctc_chattering.identification.findings import Estimate, Finding, Reason, Severity
@@ -91,26 +91,18 @@ class MeasuredPerturbation:
         for joint in np.flatnonzero(is_far.any(axis=0)).tolist():
             size = np.where(is_far[:, joint], residual[:, joint], 0.0)
             k = int(np.argmax(size))
-            yield Finding(
-                Reason.OUTLIERS, Severity.CARE, joint,
-                f'Nothing explains the torque of {np.count_nonzero(size)} windows, up to '
-                f'{size[k]:.3g} N*m at {self.t[k]:.2f} s: a contact, or wrong stamps. The largest '
-                '|P| is without them', 'Look at the recording at this time')
+            yield Finding(Reason.OUTLIERS, Severity.CARE, joint, {
+                'count': np.count_nonzero(size), 'torque': size[k], 't': self.t[k]})
 
-    def break_away(self, joints: Sequence[str]) -> Iterator[Finding]:
+    def break_away(self) -> Iterator[Finding]:
         """Yield the joints with more friction at rest than sliding shows."""
         at_rest = self.trusted[:, None] & ~np.isfinite(self.predicted)
         excess = np.abs(self.measured) - self.envelope
-        for joint, name in enumerate(joints):
+        for joint in range(len(self.tail)):
             beyond = tail_bound(np.maximum(excess[at_rest[:, joint], joint], 0.0))
             level = float(np.median(self.envelope[:, joint]))
             if beyond > max(3.0 * self.tail[joint], 0.1 * level):
-                yield Finding(
-                    Reason.BREAK_AWAY, Severity.CARE, joint,
-                    f'At rest or breaking away |P| is up to {beyond:.3g} N*m more than {name} '
-                    'shows while it slides. Either Stribeck friction rises below the recorded '
-                    'velocities, or something else holds the joint',
-                    'Record slower reversals, as those of `ctc excite`')
+                yield Finding(Reason.BREAK_AWAY, Severity.CARE, joint, {'torque': beyond})
 
 
 def measure_perturbation(identified: Identification, corrected: bool) -> MeasuredPerturbation:

@@ -29,7 +29,6 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.findings import Finding, Reason, Severity
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import largest_friction, MeasuredPerturbation
-from ctc_chattering.identification.verdict import verdicts
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -140,10 +139,12 @@ class PerturbationBound(NamedTuple):
         The gain, and the largest |P| it is for.
     friction : ndarray
         The largest friction as fast as the limits allow.
+    error : ndarray
+        The largest error of the model there.
+    velocity : ndarray
+        Limits of the velocity [rad/s].
     change : ndarray
         Change of the model's torque there [N·m/s].
-    reason : str
-        The parts.
     findings : tuple of Finding
         Drives that cannot give as much.
 
@@ -152,8 +153,9 @@ class PerturbationBound(NamedTuple):
     ka: Array
     peak: Array
     friction: Array
+    error: Array
+    velocity: Array
     change: Array
-    reason: str
     findings: tuple[Finding, ...]
 
 
@@ -186,35 +188,22 @@ def bound_perturbation(
     friction = largest_friction(identified, speeds, loads, 1.0).max(axis=0)
     peak = np.maximum(run.peak, friction + error + run.tail)
     ka = np.array([round_to_digits(MARGIN * p, 3, np.ceil) for p in peak])
-    usable = [x.usable for x in verdicts(identified)]
-
-    def show(values: Array) -> str:
-        return ', '.join(f'{round(x, 6):.3g}' if is_usable else '-'
-                         for x, is_usable in zip(values.tolist(), usable))
-
-    reason = (
-        f'{MARGIN:g} times the largest |P| up to {show(limits.velocity)} rad/s, the limits of '
-        'the description, or the speed of the run where there is none: friction '
-        f'{show(friction)}, errors of the model {show(error)}, unexplained '
-        f'{show(run.tail)} N*m; in the run |P| is at most {show(run.peak)} N*m')
     change = torque * (limits.acceleration / np.maximum(limits.velocity, 1e-12))
     return PerturbationBound(
         ka=np.minimum(ka, limits.effort),
         peak=peak,
         friction=friction,
+        error=error,
+        velocity=limits.velocity,
         change=change,
-        reason=reason,
         findings=tuple(_find_weak_drives(peak, ka, limits.effort)))
 
 
 def _find_weak_drives(peak: Array, ka: Array, effort: Array) -> Iterator[Finding]:
     """Yield the joints whose drive cannot give ka."""
     for joint in np.flatnonzero(ka > effort).tolist():
-        yield Finding(
-            Reason.GAINS, Severity.CARE, joint,
-            f'|P| reaches {peak[joint]:.3g} N*m at the limits of the motion. ka = '
-            f'{ka[joint]:.3g} N*m is cut to the effort limit, {effort[joint]:.3g} N*m',
-            'Correct the model, or move more slowly')
+        yield Finding(Reason.KA_CUT, Severity.CARE, joint, {
+            'peak': peak[joint], 'ka': ka[joint], 'effort': effort[joint]})
 
 
 def round_to_digits(value: float, digits: int, rounding: Callable[[float], float]) -> float:

@@ -23,7 +23,7 @@ from collections.abc import Sequence
 import dataclasses
 from typing import NamedTuple
 
-from ctc_chattering.identification.findings import Estimate, Finding, Reason, Severity
+from ctc_chattering.identification.findings import Estimate, Finding, Gap, Reason, Severity
 from ctc_chattering.identification.recording import KEPT_VELOCITY_ROWS, Recording
 from ctc_chattering.identification.weak_form import (
     deviation,
@@ -79,14 +79,14 @@ def estimate_encoder_step(q: Array) -> Estimate:
     steps = np.diff(levels)
     steps = np.sort(steps[steps > rounding])
     if len(steps) < 20:
-        return Estimate.unknown('it hardly moves')
+        return Estimate.unknown(Gap.HARDLY_MOVES)
     step = float(steps[:max(1, len(steps) // 100)].mean())
     multiples = steps[steps < 20.0 * step]
     step = float(multiples.sum() / np.rint(multiples / step).sum())
     ratio = multiples / step
     is_multiple = np.abs(ratio - np.rint(ratio)) < 0.02 + rounding / step
     if is_multiple.mean() < 0.98:
-        return Estimate.unknown('no step shows')
+        return Estimate.unknown(Gap.NO_STEP)
     return Estimate(step, unit='rad')
 
 
@@ -148,19 +148,19 @@ def estimate_velocity_noise(recording: Recording, period: float) -> VelocityNois
     successive samples differ as much as independent ones.
     """
     if recording.dq is None:
-        unknown = Estimate.unknown('no velocities in the bag')
+        unknown = Estimate.unknown(Gap.NO_VELOCITIES)
         return VelocityNoise([unknown] * len(recording.joints), [])
     dq = recording.dq[:KEPT_VELOCITY_ROWS]
     q = recording.q[:KEPT_VELOCITY_ROWS]
     shown = velocity_deviation(period) * position_noise(q, period)
     estimates = []
     findings = []
-    for joint, name in enumerate(recording.joints):
+    for joint in range(len(recording.joints)):
         smoothing_noise = float(shown[joint])
         comparison = _compare(q[:, joint], dq[:, joint], period, smoothing_noise)
         if abs(comparison.ratio - 1.0) - comparison.error > _MAX_RATIO_ERROR:
-            estimates.append(Estimate.unknown('the velocity does not match the position'))
-            findings.append(_other_velocity_unit(name, joint, comparison))
+            estimates.append(Estimate.unknown(Gap.OTHER_VELOCITY))
+            findings.append(_other_velocity_unit(joint, comparison))
         else:
             estimates.append(_estimate_noise(comparison, smoothing_noise))
     return VelocityNoise(estimates, findings)
@@ -205,15 +205,11 @@ def _compare(q: Array, dq: Array, period: float, smoothing_noise: float) -> _Vel
     return _VelocityComparison(1.0 if is_at_rest else float(value[0]), error, residual, speed)
 
 
-def _other_velocity_unit(name: str, joint: int, comparison: _VelocityComparison) -> Finding:
+def _other_velocity_unit(joint: int, comparison: _VelocityComparison) -> Finding:
     """Return the finding on a velocity of another unit."""
-    return Finding(
-        Reason.VELOCITY, Severity.REFUSED, joint,
-        f'The velocity of {name} is {comparison.ratio:.3g} ± {comparison.error:.1g} times the '
-        f'change of its position, allowed: {1.0 - _MAX_RATIO_ERROR:g} to '
-        f'{1.0 + _MAX_RATIO_ERROR:g}. It has another unit, such as degrees (57.3), another sign, '
-        'or belongs to another joint. Laws that use this velocity diverge',
-        'Correct the velocities in joint_states, or record without them')
+    return Finding(Reason.VELOCITY, Severity.REFUSED, joint, {
+        'ratio': comparison.ratio, 'error': comparison.error,
+        'low': 1.0 - _MAX_RATIO_ERROR, 'high': 1.0 + _MAX_RATIO_ERROR})
 
 
 def _estimate_noise(comparison: _VelocityComparison, smoothing_noise: float) -> Estimate:
@@ -227,6 +223,4 @@ def _estimate_noise(comparison: _VelocityComparison, smoothing_noise: float) -> 
     # A thousandth of the velocity is rounding.
     if spread <= max(_RESTING_DEVIATIONS * smoothing_noise, 1e-3 * comparison.speed):
         return Estimate.none(at_most=max(spread, _RESTING_VELOCITY), unit='rad/s')
-    return Estimate.unknown(
-        'the velocity differs from the change of the position, but not as noise of single '
-        'samples does: it is filtered')
+    return Estimate.unknown(Gap.FILTERED)

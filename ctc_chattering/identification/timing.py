@@ -32,13 +32,7 @@ from ctc_chattering.identification.drive_search import (
     unlimited_rates,
 )
 from ctc_chattering.identification.drives import Drive
-from ctc_chattering.identification.findings import (
-    ALL_JOINTS,
-    Estimate,
-    Finding,
-    Reason,
-    Severity,
-)
+from ctc_chattering.identification.findings import Estimate, Finding, Gap, Reason, Severity
 from ctc_chattering.identification.stretches import COMMAND, Stretch
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.identification.windows import SETTLING_S, Windows
@@ -244,54 +238,40 @@ def estimate_rate_limits(timing: Timing) -> list[Estimate]:
     """Return the rate limit of each drive, or its lower bound."""
     commands = timing.of_commands
     if commands is None:
-        return [Estimate.unknown('no commanded torque in the bag')] * len(timing.lag)
+        return [Estimate.unknown(Gap.NO_COMMANDS)] * len(timing.lag)
     highest = np.max([lags[2] for lags in commands.delays.values()] or [commands.lag], axis=0)
     is_lag_known = highest < _END_OF_LAGS_S
     estimates = []
     for joint, (low, _, high) in enumerate(commands.rate.T.tolist()):
-        estimate = Estimate.unknown(
-            'no command changes fast enough, or delay and lag are not identified')
+        estimate = Estimate.unknown(Gap.SLOW_COMMANDS)
         if is_lag_known[joint] and np.isfinite(high):
             estimate = Estimate(0.5 * (low + high), 0.5 * (high - low), 'N*m/s')
         elif is_lag_known[joint] and commands.moving[joint] and low > 0.0:
             estimate = Estimate(
                 None, unit='N*m/s', at_least=low,
-                reason='the drive follows the fastest commands')
+                gap=Gap.FOLLOWS_COMMANDS)
         estimates.append(estimate)
     return estimates
 
 
-def find_timing_doubts(timing: Timing, joints: Sequence[str]) -> Iterator[Finding]:
-    """Yield what is doubtful of delay and lag."""
+def find_timing_doubts(timing: Timing) -> Iterator[Finding]:
+    """Yield doubts about delay and lag."""
     commands = timing.of_commands
     if commands is None or not commands.delays:
         return
-    another_motion = 'Record a longer or faster motion of `ctc excite`'
     if len(commands.delays) > 1:
-        is_far = max(commands.delays) - min(commands.delays) > _MAX_DELAY_RANGE
-        doubt = '. Backlash or an elastic joint has the same effect' if is_far else ''
-        yield Finding(
-            Reason.DRIVE, Severity.CARE if is_far else Severity.NOTE, ALL_JOINTS,
-            'The recording does not tell delay and lag apart: '
-            f'{describe_drives(commands)}{doubt}', another_motion if is_far else '')
+        reason, severity = Reason.SEVERAL_DELAYS, Severity.NOTE
+        if max(commands.delays) - min(commands.delays) > _MAX_DELAY_RANGE:
+            reason, severity = Reason.FAR_DELAYS, Severity.CARE
+        yield Finding(reason, severity, values={'drives': describe_drives(commands)})
     lags = np.array(list(commands.delays.values()))
     for joint in np.flatnonzero(commands.moving).tolist():
-        low = float(lags[:, 0, joint].min())
-        high = float(lags[:, 2, joint].max())
         lag = float(commands.lag[joint])
-        if high >= _END_OF_LAGS_S:
-            yield Finding(
-                Reason.DRIVE, Severity.CARE, joint,
-                f'The lag of the drive of {joints[joint]} is {1e3 * low:.3g} ms or more, and may '
-                f'be the longest that is searched, {1e3 * LAGS[-1]:.3g} ms. Either the joint is '
-                'elastic, or no command shows the lag', another_motion)
+        if float(lags[:, 2, joint].max()) >= _END_OF_LAGS_S:
+            yield Finding(Reason.UNBOUNDED_LAG, Severity.CARE, joint, {
+                'lag_ms': 1e3 * float(lags[:, 0, joint].min()), 'longest_ms': 1e3 * LAGS[-1]})
         elif lag > 0.008:
-            yield Finding(
-                Reason.DRIVE, Severity.CARE, joint,
-                f'The lag of the drive of {joints[joint]} is {1e3 * lag:.3g} ms, more than drives '
-                'of arms have. An elastic joint, backlash or a delay of this joint has the same '
-                'effect',
-                'Measure the position behind the gear, or confirm that the drive is that slow')
+            yield Finding(Reason.LONG_LAG, Severity.CARE, joint, {'lag_ms': 1e3 * lag})
 
 
 def describe_drives(timing: Timing) -> str:

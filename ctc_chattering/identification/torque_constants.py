@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ctc_chattering.identification.conventions import Conventions
-from ctc_chattering.identification.findings import Estimate, Finding, Reason, Severity
+from ctc_chattering.identification.findings import Estimate, Finding, Gap, Reason, Severity
 from ctc_chattering.identification.friction_terms import FrictionTerm, TermKind
 from ctc_chattering.identification.prior import BodyPrior
 from ctc_chattering.identification.regression import fit, Observations, Unknowns
@@ -77,35 +77,23 @@ def estimate_current_constants(
             continue
         constant[joint] = 1.0 / value
         errors[joint] = error / value ** 2
-        findings.append(Finding(
-            Reason.SCALE, Severity.CARE, joint,
-            'Its torque constant is taken from weight and inertia of the URDF: '
-            f'{constant[joint]:.3g} N*m per ampere ± {2.0 * error / abs(value):.0%}. All its '
-            'torques are as wrong as the masses of the URDF',
-            'Give --torque-constant of the data sheet'))
+        findings.append(Finding(Reason.URDF_CONSTANT, Severity.CARE, joint, {
+            'constant': constant[joint], 'error': 2.0 * error / abs(value)}))
     is_usable = np.isfinite(errors) & (efforts > 0.0)
     per_effort = np.abs(constant[is_usable]) / efforts[is_usable]
     typical = float(np.median(per_effort)) if is_usable.any() else 0.0
     for joint in unknown:
-        observation = (f'The current of {joints[joint]} shows neither weight nor inertia of the '
-                       'model')
         size = typical * efforts[joint]
         if not size:
-            findings.append(Finding(
-                Reason.SCALE, Severity.REFUSED, joint,
-                f'{observation}: its torque constant is not known',
-                'Give --torque-constant with N*m at the joint per ampere'))
+            findings.append(Finding(Reason.NO_CONSTANT, Severity.REFUSED, joint))
             continue
         constant[joint] = size * (fit_beside_any_gravity(data, joint).factors[0].sign or 1.0)
         errors[joint] = 0.5 * size  # It is a guess.
         findings.append(Finding(
-            Reason.SCALE, Severity.CARE, joint,
-            f'{observation}: {constant[joint]:.3g} N*m per ampere are assumed, from the constants '
-            'of the others and the effort limits. All its torques are as wrong as that',
-            'Give --torque-constant of the data sheet'))
+            Reason.OTHERS_CONSTANT, Severity.CARE, joint, {'constant': constant[joint]}))
     estimates = [
         Estimate(value, 2.0 * error) if np.isfinite(error) else
-        Estimate.unknown('the motion does not show it')
+        Estimate.unknown(Gap.NOT_SHOWN)
         for value, error in zip(constant.tolist(), errors.tolist())]
     return Conventions(constant, tuple(findings), tuple(estimates))
 
@@ -144,7 +132,7 @@ def scale_by_payload(data: Observations, prior: BodyPrior) -> ScaledTorque:
     scales = [FrictionTerm(TermKind.SCALE, joint, 0.3) for joint in moving]
     solution = fit(data, Unknowns(prior, (*terms, *scales)))
     constant = np.ones(data.joint_count)
-    estimates = [Estimate.unknown('the joint hardly moves')] * data.joint_count
+    estimates = [Estimate.unknown(Gap.HARDLY_MOVES)] * data.joint_count
     for joint in moving:
         row = solution.unknowns.row(joint, TermKind.SCALE)
         # The signal is 1 + x times the torque.

@@ -34,7 +34,7 @@ from ctc_chattering.analysis.tables import bold, columns, markdown, markdown_tab
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.identification import results as identification
 from ctc_chattering.identification.gains import recommend
-from ctc_chattering.identification.identify import identify
+from ctc_chattering.identification.identify import identify_recordings
 from ctc_chattering.identification.perturbation import measure_perturbation
 from ctc_chattering.output_files import file_stem
 from ctc_chattering.runs.compare_page import Outcome, to_markdown
@@ -111,7 +111,7 @@ def of_a_search(name: str, out: Path) -> None:
 @lru_cache(1)
 def identified() -> identification.IdentificationResults:
     recording = short(duration=3.0).recording
-    found = identify([recording], TwoLink())
+    found = identify_recordings([recording], TwoLink())
     run = measure_perturbation(found, False)
     return identification.IdentificationResults('', found, run, recommend(found, run, TwoLink()))
 

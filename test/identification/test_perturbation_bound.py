@@ -20,7 +20,7 @@ import dataclasses
 from functools import cache
 
 from ctc_chattering.dynamics.two_link import TwoLink
-from ctc_chattering.identification.findings import Estimate, Severity
+from ctc_chattering.identification.findings import Estimate, Reason, Severity
 from ctc_chattering.identification.gains import torque_rate
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import (
@@ -69,12 +69,14 @@ def test_friction_at_the_limits_is_that_of_the_robot() -> None:
         made().plant.viscous_friction, [6.0, 8.0])
     assert found.friction == pytest.approx(largest, rel=1e-2)
     assert (found.ka >= 0.999 * MARGIN * largest).all() and (found.ka < 1.3 * largest).all()
-    assert found.reason and not found.findings
+    assert found.velocity.tolist() == [6.0, 8.0] and not found.findings
 
 
 def test_without_limits_the_speed_of_the_run_counts() -> None:
     found = bound_perturbation(base(), measured(), made().model, False)
     assert found.peak == pytest.approx(measured().peak, rel=0.02)
+    fastest = np.abs(base().fit.data.windows.velocity).max(axis=0)
+    assert (found.velocity <= fastest).all() and (found.velocity > 0.8 * fastest).all()
 
 
 def test_ka_is_cut_to_what_the_drive_gives() -> None:
@@ -83,8 +85,9 @@ def test_ka_is_cut_to_what_the_drive_gives() -> None:
     found = bound_perturbation(base(), measured(), model, False)
     assert found.ka[1] == 12.0
     (finding,) = found.findings
-    assert (finding.severity, finding.joint) == (Severity.CARE, 1)
-    assert 'cut to the effort limit, 12 N*m' in finding.text
+    assert (finding.reason, finding.severity, finding.joint) == (
+        Reason.KA_CUT, Severity.CARE, 1)
+    assert finding.values['effort'] == 12.0
 
 
 @pytest.mark.parametrize('size', [30.0, 185.0])
@@ -95,7 +98,8 @@ def test_an_outlier_is_named_and_does_not_count(size: float) -> None:
     run = measure_perturbation(with_torque(base(), added), False)
     assert run.peak == pytest.approx(measured().peak, rel=0.02)
     (finding,) = run.outliers()
-    assert finding.joint == 0 and f'{run.t[k]:.2f} s' in finding.text
+    assert (finding.reason, finding.joint) == (Reason.OUTLIERS, 0)
+    assert finding.values['t'] == run.t[k]
     assert not list(measured().outliers())
 
 
@@ -120,13 +124,14 @@ def test_the_rate_is_within_what_drives_give() -> None:
     found, (slow,) = torque_rate(dataclasses.replace(base(), rate=rate), needed)
     late = 1.0 + 2e3 * base().timing.delays[0][2]
     assert found == pytest.approx([1000.0, 4000.0 / late[1]])
-    assert slow.joint == 0 and '1e+03 N*m/s; 2e+03' in slow.text
+    assert (slow.reason, slow.joint) == (Reason.SLOW_DRIVE, 0)
+    assert (slow.values['rate'], slow.values['needed']) == (1000.0, 2000.0)
     assert torque_rate(base(), needed, (300.0, 300.0)).rate.tolist() == [300.0, 300.0]
     # Drives that begin without torque carry the arm within 0.03 s, if that is more.
     free = dataclasses.replace(base(), rate=[])
     assert torque_rate(free, needed, weight=np.array([120.0, 1.0])).rate[0] == 4000.0
     _, (unknown,) = torque_rate(free, needed)
-    assert 'not known' in unknown.text and '--torque-rate' in unknown.text
+    assert unknown.reason == Reason.NO_RATE
 
 
 def test_ka_holds_the_largest_viscous_friction_of_its_interval() -> None:

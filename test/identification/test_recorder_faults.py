@@ -51,8 +51,8 @@ def test_states_that_a_broadcaster_repeats_are_left_out(count: int) -> None:
     assert np.array_equal(recording.q, Q)
     assert recording.dq is not None and len(recording.dq) == len(T)
     assert recording.period == pytest.approx(H, rel=1e-3)
-    assert finding.severity == Severity.NOTE
-    assert f'recorded about {count} times' in finding.text
+    assert (finding.reason, finding.severity) == (Reason.REPETITIONS, Severity.NOTE)
+    assert finding.values['mean'] == pytest.approx(count, rel=0.01)
 
 
 def test_uneven_repetitions_are_left_out() -> None:
@@ -62,7 +62,8 @@ def test_uneven_repetitions_are_left_out() -> None:
     t = np.asarray(0.004 * np.arange(len(rows)), float)
     recording, (finding,) = repair(dataclasses.replace(
         SMOOTH, t=t, q=Q[rows], dq=None, effort=3.0 * Q[rows]))
-    assert np.array_equal(recording.q, Q) and 'about 2.5 times' in finding.text
+    assert np.array_equal(recording.q, Q)
+    assert finding.values['mean'] == pytest.approx(2.5, rel=0.01)
 
 
 @pytest.mark.parametrize('step', [1e-3, 2e-2])
@@ -81,8 +82,9 @@ def test_turns_that_a_driver_does_not_count_are_counted_and_named() -> None:
     assert (np.abs(np.diff(wrapped[:, 0])) > 6.0).sum() == 3
     recording, (finding,) = repair(dataclasses.replace(SMOOTH, q=wrapped))
     assert recording.q == pytest.approx(turning, abs=1e-12)
-    assert finding.severity == Severity.NOTE
-    assert finding.text == 'run: the position of a jumps by a turn 3 times; its turns are counted'
+    assert (finding.reason, finding.severity, finding.joint) == (
+        Reason.TURNS_COUNTED, Severity.NOTE, 0)
+    assert finding.values['count'] == 3
 
 
 @pytest.mark.parametrize('every', [2, 12, 60])
@@ -113,6 +115,7 @@ def test_stamps_of_reception_need_care() -> None:
     _, (finding,) = repair(dataclasses.replace(SMOOTH, t=T + late))
     assert (finding.reason, finding.severity, finding.joint) == (
         Reason.STAMPS, Severity.CARE, ALL_JOINTS)
+    assert finding.values['period_ms'] == pytest.approx(1e3 * H, rel=0.05)
 
 
 def test_stamps_that_are_coarser_than_the_period_are_refused() -> None:
@@ -127,4 +130,4 @@ def test_stamps_that_are_coarser_than_the_period_are_refused() -> None:
 def test_dropped_messages_are_the_first_reason(dropped: int, severity: Severity) -> None:
     _, findings = repair(dataclasses.replace(held(2), dropped=dropped))
     assert findings[0].reason is Reason.DROPPED and findings[0].severity == severity
-    assert str(dropped) in findings[0].text
+    assert findings[0].values['count'] == dropped

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from ctc_chattering.identification.findings import Severity
+from ctc_chattering.identification.findings import Reason, Severity
 from ctc_chattering.identification.torque_constants import (
     estimate_current_constants,
     scale_by_payload,
@@ -40,9 +40,8 @@ def test_currents_get_their_constants_from_the_model() -> None:
     assert found.constant[:4] == pytest.approx(constant[:4], rel=0.05)
     for value, estimate in zip(constant[:6], found.estimates):
         assert estimate.value == pytest.approx(value, abs=1.25 * estimate.half)
-    severities = [x.severity for x in found.findings]
-    assert severities == [Severity.CARE] * 6 + [Severity.REFUSED]
-    assert all(x.cure for x in found.findings)
+    assert [(x.reason, x.severity) for x in found.findings] == [
+        *[(Reason.URDF_CONSTANT, Severity.CARE)] * 6, (Reason.NO_CONSTANT, Severity.REFUSED)]
 
 
 def test_a_rotor_that_may_be_all_the_inertia_gives_no_constant() -> None:
@@ -61,7 +60,8 @@ def test_a_rotor_that_may_be_all_the_inertia_gives_no_constant() -> None:
     assumed = estimate_current_constants(data, JOINTS, felt, limits)
     assert assumed.constant[6] == pytest.approx(0.5, rel=0.1)
     assert assumed.estimates[6].half == assumed.constant[6]
-    assert assumed.findings[6].severity == Severity.CARE
+    assert (assumed.findings[6].reason, assumed.findings[6].severity) == (
+        Reason.OTHERS_CONSTANT, Severity.CARE)
 
 
 def test_a_known_payload_tells_torque_constants_from_masses() -> None:

@@ -24,7 +24,7 @@ from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.identification.drives import known_torque
-from ctc_chattering.identification.identify import Identification, identify
+from ctc_chattering.identification.identify import Identification, identify_recordings
 from ctc_chattering.identification.recording import Recording
 from ctc_chattering.identification.regression import Observations
 from ctc_chattering.identification.regressor import BodyRegressor
@@ -113,7 +113,7 @@ def identified(duration: float, noise: float = 1e-3) -> tuple[Recorded, Identifi
 
     """
     made = record('two_link', 7, duration, plant={'velocity_noise': [noise] * 2})
-    return made, identify([made.recording.checked()], made.model)
+    return made, identify_recordings([made.recording.checked()], made.model)
 
 
 def windows_of(found: Identification, recording: Recording, model: Model) -> Observations:
