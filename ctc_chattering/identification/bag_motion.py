@@ -189,9 +189,11 @@ def read_motion(
             if commands != COMMANDS:
                 raise
             if recording.effort is None:
+                fault = RecordingFault.TORQUE
+                if isinstance(error, RecordingError):
+                    fault = error.fault
                 raise RecordingError(
-                    RecordingFault.TORQUE,
-                    f'no torque: no effort in the states, and {error}') from None
+                    fault, f'no torque: no effort in the states, and {error}') from None
             if _find_topics(bag, '', MULTI_ARRAY, ()):
                 notes.append(f'no commands are used: {error}')
         notes += _note_missing_effort(recording)

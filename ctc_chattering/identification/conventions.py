@@ -31,7 +31,7 @@ from ctc_chattering.identification.stretches import COMMAND, EFFORT
 from ctc_chattering.identification.torque_shape import (
     Factor,
     fit_beside_any_gravity,
-    fit_shape,
+    fit_model,
 )
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -104,8 +104,9 @@ def check_torque(data: Observations, source: str) -> tuple[Finding, ...]:
         If the torque has another unit, or no weight.
 
     """
-    shapes = {joint: fit_shape(data, joint) for joint in np.flatnonzero(data.moving).tolist()}
-    weights = {joint: shape.weight for joint, shape in shapes.items() if shape.shows_weight}
+    moving = np.flatnonzero(data.moving).tolist()
+    weights = {joint: fit_model(data, joint).factors[0] for joint in moving}
+    weights = {joint: factor for joint, factor in weights.items() if factor.is_known}
     if not weights:
         return ()
     # The joint with the median load decides: a tool is much for the joints near the tip.
@@ -117,10 +118,10 @@ def check_torque(data: Observations, source: str) -> tuple[Finding, ...]:
     if not LIMITS.min_factor <= median <= LIMITS.max_factor:
         raise RecordingError(
             RecordingFault.UNIT,
-            f'the {SIGNAL_NAMES[source]} has {median:.2g} times the weight of the model: it is no '
-            'torque in N*m at the joint, or the model is another robot. For a current give '
-            '--effort current; for another unit --torque-constant; for a robot that carries its '
-            'weight itself --gravity 0')
+            f'the {SIGNAL_NAMES[source]} has {median:.2g} times the weight of the model. Either '
+            'it is no torque in N*m at the joint, or the model is of another robot. Give --effort '
+            'current for a current, --torque-constant for another unit, or --gravity 0 for a '
+            'robot that carries its weight itself')
     return tuple(_other_unit(joint, factor, source)
                  for joint, factor in weights.items() if not _is_possible(factor))
 
@@ -156,21 +157,21 @@ def check_sign(data: Observations, joints: Sequence[str], source: str) -> Conven
     moving = np.flatnonzero(data.moving).tolist()
     factors = {joint: fit_beside_any_gravity(data, joint).factors[:2] for joint in moving}
     evidence = {joint: sum(factor.sign for factor in x) for joint, x in factors.items()}
-    shapes = [fit_shape(data, joint) for joint in moving]
-    weights = [shape.weight.value for shape in shapes if shape.shows_weight]
+    weight_factors = [fit_model(data, joint).factors[0] for joint in moving]
+    weights = [factor.value for factor in weight_factors if factor.is_known]
     if any(factor.sign for x in factors.values() for factor in x):
         sign = sum(evidence.values())
     else:
         sign = float(np.median(weights or [0.0]))
     if sign < 0.0:
-        weight = f', and {np.median(weights):.2f} times the weight of the model' if weights else ''
+        weight = f', {np.median(weights):.2f} times the weight of the model' if weights else ''
         cure = 'Turn the sign of the recorded commands, or name their topic with --commands'
         if source == EFFORT:
             cure = 'Turn the sign with --torque-constant=-1'
         raise RecordingError(
             RecordingFault.SIGN,
-            f'the {SIGNAL_NAMES[source]} has the other sign: friction or inertia below 0{weight}. '
-            f'{cure}')
+            f'the {SIGNAL_NAMES[source]} has the other sign. It shows friction or inertia below '
+            f'0{weight}. {cure}')
     constant = np.ones(len(joints))
     constant[[joint for joint in moving if evidence[joint] < 0.0]] = -1.0
     option = ','.join(f'{x:g}' for x in constant)
@@ -190,7 +191,7 @@ def check_order(data: Observations, joints: Sequence[str]) -> None:
     if len(moving) < 2:
         return
     unexplained = np.array([
-        [max(fit_shape(data, joint, signal).unexplained, 1e-4) for joint in moving]
+        [max(fit_model(data, joint, signal).unexplained, 1e-4) for joint in moving]
         for signal in moving])
     _, best = linear_sum_assignment(np.log(unexplained))
     recorded = np.arange(len(moving))
@@ -205,5 +206,5 @@ def check_order(data: Observations, joints: Sequence[str]) -> None:
         raise RecordingError(
             RecordingFault.ORDER,
             f'the commands do not fit the joints in the order {",".join(joints)}: they leave '
-            f"{as_recorded.max():.0%} of a joint's torque unexplained, and {reordered.max():.0%} "
-            'in another order; give --joints in their order')
+            f"{as_recorded.max():.0%} of a joint's torque unexplained, but {reordered.max():.0%} "
+            'in another order. Give --joints in the order of the commands')

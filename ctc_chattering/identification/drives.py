@@ -120,8 +120,11 @@ def iterate_lags(values: Array, lags: Array, rate: Array, period: float) -> Iter
         yield from mean_drive_torque(values, same_lags, rate, period)
 
 
-def find_complete(values: Array, centres: Indices, samples_before: int, samples_after: int
-                  ) -> Flags:
+def find_complete(
+        values: Array,
+        centres: Indices,
+        samples_before: int,
+        samples_after: int) -> Flags:
     """
     Flag the centres around which values are known, shape (J, n).
 
@@ -169,7 +172,10 @@ def weak_torque(
     for joint in range(values.shape[1]):  # Joint by joint, for long series.
         column = slice(joint, joint + 1)
         torque = mean_drive_torque(
-            values[:, column], drive.lag[column], drive.rate[column], period)
+            values[:, column],
+            drive.lag[column],
+            drive.rate[column],
+            period)
         mean = phi.sums(torque, phi.over, centres - whole)
         if drive.delay != whole:
             mean = 0.5 * (mean + phi.sums(torque, phi.over, centres - whole - 1))

@@ -77,8 +77,11 @@ class BodyPrior:
     bounds: PhysicalBounds
 
     @classmethod
-    def of(cls, regressor: BodyRegressor | None, uncertainty: float,
-           rotors_show: bool = True) -> BodyPrior:
+    def of(
+            cls,
+            regressor: BodyRegressor | None,
+            uncertainty: float,
+            rotors_show: bool = True) -> BodyPrior:
         """
         Return the prior of a model. Without a regressor nothing is unknown.
 

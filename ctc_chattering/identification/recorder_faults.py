@@ -160,7 +160,7 @@ def _check_source(recording: Recording) -> None:
     raise RecordingError(
         RecordingFault.SOURCES,
         f'{recording.name}: {count} of {len(q)} states jump and come back, those of '
-        f'{recording.joints[joint]} by {largest[joint]:.3g} rad. A second source, as a '
+        f'{recording.joints[joint]} by {largest[joint]:.3g} rad. A second source, such as a '
         'joint_state_publisher, publishes joint states beside the robot. '
         "Stop it, or record the robot's own topic, and give --states")
 

@@ -176,7 +176,7 @@ class Recording:
         if len(rows) < MIN_STATES:
             raise RecordingError(
                 RecordingFault.STATES,
-                f'{self.name}: {len(rows)} states; at least {MIN_STATES} are needed')
+                f'{self.name}: {len(rows)} states are too few. At least {MIN_STATES} are needed')
         complete = dataclasses.replace(
             self,
             dq=_if_finite(self.dq),
@@ -185,7 +185,8 @@ class Recording:
         if complete.effort is None and complete.command is None:
             raise RecordingError(
                 RecordingFault.TORQUE,
-                f'{self.name}: no torque: neither effort in the states nor commands')
+                f'{self.name}: there is no torque, neither as effort in the states nor as '
+                'commands. Record one of them')
         return complete.select(rows)
 
     @property

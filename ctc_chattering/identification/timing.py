@@ -143,7 +143,12 @@ def _align_effort(profile: Profile) -> Timing:
         best = unfiltered
     n = profile.joint_count
     return Timing(
-        profile.source, alignments[best], np.zeros(n), {}, unlimited_rates(n), moving)
+        profile.source,
+        alignments[best],
+        np.zeros(n),
+        {},
+        unlimited_rates(n),
+        moving)
 
 
 def _mean_excess(squares: Array, moving: Flags) -> Array:
@@ -248,7 +253,9 @@ def estimate_rate_limits(timing: Timing) -> list[Estimate]:
             estimate = Estimate(0.5 * (low + high), 0.5 * (high - low), 'N*m/s')
         elif is_lag_known[joint] and commands.moving[joint] and low > 0.0:
             estimate = Estimate(
-                None, unit='N*m/s', at_least=low,
+                None,
+                unit='N*m/s',
+                at_least=low,
                 gap=Gap.FOLLOWS_COMMANDS)
         estimates.append(estimate)
     return estimates

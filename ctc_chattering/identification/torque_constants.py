@@ -90,7 +90,10 @@ def estimate_current_constants(
         constant[joint] = size * (fit_beside_any_gravity(data, joint).factors[0].sign or 1.0)
         errors[joint] = 0.5 * size  # It is a guess.
         findings.append(Finding(
-            Reason.OTHERS_CONSTANT, Severity.CARE, joint, {'constant': constant[joint]}))
+            Reason.OTHERS_CONSTANT,
+            Severity.CARE,
+            joint,
+            {'constant': constant[joint]}))
     estimates = [
         Estimate(value, 2.0 * error) if np.isfinite(error) else
         Estimate.unknown(Gap.NOT_SHOWN)

@@ -124,9 +124,13 @@ def smooth(q: Array, period: float, order: int = 0) -> Array:
     derivative: Array = correlate1d(q, _local_weights(period, order), axis=0)
     for k in range(m):
         derivative[k] = np.tensordot(
-            _local_weights(period, order, k - m), q[:2 * m + 1], 1)
+            _local_weights(period, order, k - m),
+            q[:2 * m + 1],
+            1)
         derivative[k - m] = np.tensordot(
-            _local_weights(period, order, k + 1), q[-2 * m - 1:], 1)
+            _local_weights(period, order, k + 1),
+            q[-2 * m - 1:],
+            1)
     return derivative
 
 

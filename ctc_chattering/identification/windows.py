@@ -45,7 +45,9 @@ from scipy.interpolate import make_interp_spline  # type: ignore[import-untyped]
 STRIBECK_VELOCITIES = tuple(0.005 * 10.0 ** (k / 8.0) for k in range(17))
 #: Weights of these columns for a velocity between them, by its index.
 _STRIBECK_WEIGHTS = make_interp_spline(
-    np.arange(len(STRIBECK_VELOCITIES)), np.eye(len(STRIBECK_VELOCITIES)), 3)
+    np.arange(len(STRIBECK_VELOCITIES)),
+    np.eye(len(STRIBECK_VELOCITIES)),
+    3)
 #: Time before the first window, in which drives reach what was commanded before [s].
 SETTLING_S = 0.1
 

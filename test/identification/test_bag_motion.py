@@ -138,7 +138,7 @@ def test_unsuitable_bags_are_refused(tmp_path: Path) -> None:
     with pytest.raises(CtcError, match=r'100000 in all.*did you mean joint1\?') as error:
         read_motion(bag, many)
     assert len(str(error.value)) < 600
-    with refused(RecordingFault.TORQUE):
+    with refused(RecordingFault.TOPIC):
         read(tmp_path / 'idle', messages(command=None))
     q = x.q.copy()
     q[300] = np.nan

@@ -38,8 +38,8 @@ def test_a_torque_in_newton_metres_passes() -> None:
 
 @pytest.mark.parametrize('factor', [1e-3, 0.08, 12.0])
 def test_another_unit_is_refused_with_its_options(factor: float) -> None:
-    with pytest.raises(CtcError, match=r'the effort has .* times the weight of the model: .*'
-                       '--effort current; .*--torque-constant; .*--gravity 0'):
+    with pytest.raises(CtcError, match=r'the effort has .* times the weight of the model\. .*'
+                       '--effort current .*--torque-constant .*--gravity 0'):
         check_torque(scaled_torque(factor), EFFORT)
 
 
@@ -67,7 +67,7 @@ def test_a_load_at_the_tip_is_no_other_unit() -> None:
 
 
 def test_the_other_sign_is_refused_with_the_option_that_turns_it() -> None:
-    with pytest.raises(CtcError, match=r'has the other sign: .*--torque-constant=-1'):
+    with pytest.raises(CtcError, match=r'has the other sign\. .*--torque-constant=-1'):
         check_sign(scaled_torque(-1.0), JOINTS, EFFORT)
     with refused(RecordingFault.SIGN):
         check_sign(scaled_torque(-1.0), JOINTS, COMMAND)
