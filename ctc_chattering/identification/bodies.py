@@ -44,7 +44,7 @@ BOUND = 0.01
 @dataclasses.dataclass(frozen=True)
 class IdentifiedBodies:
     """
-    Bodies as identified; p inertial parameters, n joints.
+    Bodies of n joints as identified, with p inertial parameters.
 
     Attributes
     ----------
@@ -64,20 +64,24 @@ class IdentifiedBodies:
     @classmethod
     def of(cls, fit: Fit, regressor: BodyRegressor) -> IdentifiedBodies:
         """Return the bodies of a fit."""
-        before = np.append(regressor.parameters[:-3], regressor.gravity)
-        values = before + fit.body_change()
+        of_model = np.append(regressor.parameters[:-3], regressor.gravity)
+        values = of_model + fit.body_change()
         values[regressor.inertial_count:-3] = _assumed_rotors(fit, regressor, values)
         strength = float(np.linalg.norm(regressor.gravity))
         if strength:
             values[-3:] *= strength / np.linalg.norm(values[-3:])
             # A smaller turn of gravity is rounding.
-            if angle_between(values[-3:], before[-3:]) < 3e-4:
-                values[-3:] = before[-3:]
+            if angle_between(values[-3:], of_model[-3:]) < 3e-4:
+                values[-3:] = of_model[-3:]
         return cls(regressor, fit, values)
 
     @cached_property
     def rotors(self) -> list[Estimate]:
-        """Inertia of each rotor at the joint, that of the model included [kg·m²]."""
+        """
+        Inertia of each rotor at the joint [kg·m²].
+
+        The model's own is part of it.
+        """
         first, estimates = self.regressor.inertial_count, []
         change = self.fit.body_change()[first:-3]
         values = self.regressor.parameters[first:-3] + change
@@ -103,7 +107,7 @@ class IdentifiedBodies:
         return angle_between(self.gravity, of_model) if of_model.any() else 0.0
 
     def change_rms(self) -> Array:
-        """Return the RMS of the torque that the change makes, shape (n,) [N·m]."""
+        """Return the RMS of the change of torque, shape (n,) [N·m]."""
         data = self.fit.data
         torque = data.windows.bodies @ (self.values - self.regressor.parameters)
         count = np.maximum(data.used.sum(axis=0), 1)
@@ -112,7 +116,7 @@ class IdentifiedBodies:
 
     @cached_property
     def uncertainty(self) -> float:
-        """Part of a joint's torque by which the bodies may be wrong, the largest of all joints."""
+        """Largest error of the bodies, as a part of a joint's torque."""
         data, unknowns = self.fit.data, self.fit.unknowns
         errors = [0.0]
         for joint in np.flatnonzero(data.moving).tolist():
@@ -123,7 +127,7 @@ class IdentifiedBodies:
         return max(errors)
 
     def differ(self) -> bool:
-        """Return whether the change is more than 1 % of the torque of a joint."""
+        """Return whether a joint's torque changes by more than 1 %."""
         return bool((self.change_rms() > 0.01 * self.fit.data.deviation).any())
 
     def description(self, urdf: str, joints: Sequence[str],
@@ -134,7 +138,7 @@ class IdentifiedBodies:
                               self.values[count:-3].tolist(), self.gravity.tolist(), locked)
 
     def as_mapping(self, joints: Sequence[str]) -> dict[str, Any]:
-        """Return gravity, and the parameters of the body that each joint moves, for JSON."""
+        """Return gravity and the bodies as JSON has them, by joint."""
         rows = self.values[:self.regressor.inertial_count]
         is_urdf = len(rows) == len(PARAMETERS) * len(joints)
         bodies = zip(joints, rows.reshape(len(joints), -1).tolist()) if is_urdf else ()
@@ -143,7 +147,11 @@ class IdentifiedBodies:
                 'bodies_uncertainty': self.uncertainty}
 
     def torque_error(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return half the interval of the torque of the bodies in a state, shape (n,) [N·m]."""
+        """
+        Return the error of the torque in a state, shape (n,) [N·m].
+
+        It is half the interval of the torque of the bodies.
+        """
         unknowns = self.fit.unknowns
         rows = np.zeros((self.regressor.model.n, unknowns.count))
         rows[:, :unknowns.body_count] = self.regressor.torque(
@@ -151,13 +159,13 @@ class IdentifiedBodies:
         return self.fit.half_interval(rows)
 
     def torque_change(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return what the change of the bodies adds to the torque in a state, (n,) [N·m]."""
+        """Return the change of the torque in a state, shape (n,) [N·m]."""
         change = self.values - self.regressor.parameters
         return np.asarray(self.regressor.torque(q, dq, ddq) @ change)
 
 
 def half_interval_of(fit: Fit, parameter: int) -> float:
-    """Return half the interval of a parameter of the bodies, by its index."""
+    """Return half the interval of a body parameter, by its index."""
     transform = fit.unknowns.prior.transform
     row = np.zeros(fit.unknowns.count)
     row[:transform.shape[1]] = transform[parameter]

@@ -50,14 +50,18 @@ class LinkShapes(NamedTuple):
 
     #: Pinocchio's GeometryModel.
     model: Any
-    #: Link of each shape; `FLOOR` for the floor.
+    #: Link of each shape, or `FLOOR`.
     links: list[str]
     #: Pose of each shape in the frame of its link, shape (shapes, 4, 4).
     poses: Array
 
 
 class Approach(NamedTuple):
-    """The two links, and the time [s], of the least distance in proportion to the required one."""
+    """
+    Nearest approach of two links.
+
+    It is the least distance in proportion to the required one, with its time [s, m].
+    """
 
     links: tuple[str, str]
     t: float
@@ -87,7 +91,7 @@ class SelfCollision:
     clearance : float
         Distance that links must keep [m]. Half of their distance at `rests`, if less, suffices.
     floor : float
-        Height of a floor in the frame of the root link [m]; inf for none.
+        Height of a floor in the frame of the root link, or inf for none [m].
 
     Attributes
     ----------
@@ -170,7 +174,11 @@ class SelfCollision:
                         float(self._required[pair]))
 
     def _distances(self, pairs: Sequence[tuple[int, int]], q: Array) -> Array:
-        """Return the distances of pairs of shapes at positions q, (N, n), shape (N, pairs) [m]."""
+        """
+        Return the distances of pairs of shapes, shape (N, pairs) [m].
+
+        Positions q have the shape (N, n).
+        """
         model = self._shapes.model
         model.removeAllCollisionPairs()
         for pair in pairs:
@@ -187,7 +195,7 @@ class SelfCollision:
 
 
 def shaped(tree: Tree) -> tuple[str, list[str]]:
-    """Return a URDF with collision shapes, and the links that should have one more."""
+    """Return a URDF with collision shapes, and links without one."""
     robot = ET.fromstring(tree.bare())
     unseen = []
     for link, element in zip(tree.links.values(), robot.findall('link')):
@@ -216,7 +224,7 @@ def geometry(pin: Any, text: str, links: Sequence[str], floor: float) -> LinkSha
     links : sequence of str
         Names of these links.
     floor : float
-        Height of a floor [m]; inf for none.
+        Height of a floor, or inf for none [m].
 
     """
     robot = pin.buildModelFromXML(text)

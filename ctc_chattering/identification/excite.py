@@ -59,7 +59,7 @@ EXCITE = 'ctc excite'
 
 @dataclasses.dataclass(frozen=True)
 class SearchLimits:
-    """Limits of the search for a motion, and of the gains that play it."""
+    """Limits of the search, and of the gains of the motion."""
 
     #: Factors of random motions, one after the other until a motion keeps all limits.
     sizes: tuple[float, ...] = (1.0, 0.7, 0.5, 0.35, 0.25, 0.15)
@@ -90,7 +90,7 @@ class AssumedFriction:
 
     def torques(self, model: Model, motion: Array) -> Array:
         """
-        Return the torques of a model with friction, shape (N, n) [N·m].
+        Return the torques with friction, shape (N, n) [N·m].
 
         Parameters
         ----------
@@ -109,7 +109,9 @@ class AssumedFriction:
 
 def sticking(model: Model, positions: Array, kp: Array, friction: AssumedFriction) -> Array:
     """
-    Return the distance at which friction can hold each joint under computed torque, (n,) [rad].
+    Return the distance at which friction holds each joint, (n,) [rad].
+
+    That is under computed torque.
 
     All joints stick while the law's torque M Kp e is within ±Kf: |e| ≤ |Kp⁻¹ M⁻¹| Kf.
 
@@ -118,7 +120,7 @@ def sticking(model: Model, positions: Array, kp: Array, friction: AssumedFrictio
     model : Model
         Gives M.
     positions : ndarray, shape (m, n)
-        Positions to evaluate it at; the largest distance is returned.
+        Positions to evaluate it at. The largest distance counts.
     kp : ndarray, shape (n,)
         Position gains [1/s²].
     friction : AssumedFriction
@@ -137,7 +139,9 @@ class LoopGains(NamedTuple):
 
     def raised(self, hold: Array, slow: Array, delay: float) -> LoopGains:
         """
-        Return gains with which friction takes little of the slow reversals, never lower ones.
+        Return gains that friction takes little of the reversals from.
+
+        They are never lower.
 
         Parameters
         ----------
@@ -159,7 +163,7 @@ class LoopGains(NamedTuple):
 @dataclasses.dataclass(frozen=True)
 class Plan:
     """
-    An excitation motion and its prediction; arrays of shape (n,).
+    An excitation motion and its prediction, in arrays of shape (n,).
 
     Attributes
     ----------
@@ -174,7 +178,7 @@ class Plan:
     tau : ndarray, shape (N, n)
         Torque there, with friction [N·m].
     effort : ndarray
-        Largest torques [N·m]; inf for unlimited.
+        Largest torques, or inf for unlimited [N·m].
     links : SelfCollision or None
         Check for collisions of the robot with itself.
     approach : Approach or None
@@ -182,7 +186,7 @@ class Plan:
     unchecked : str
         Why nothing was checked without `links`.
     kp, kv : ndarray
-        Gains to play it with [1/s², 1/s]; of a matrix in the file, the diagonal counts.
+        Gains to play it with [1/s², 1/s]. Of a matrix in the file, the diagonal counts.
     hold : ndarray
         Distance from the motion at which friction holds a joint under these gains [rad].
 
@@ -202,7 +206,7 @@ class Plan:
     hold: Array
 
     def text(self) -> str:
-        """Return limits and predictions for a terminal, as `ctc excite` prints them."""
+        """Return limits and predictions for a terminal."""
         q, dq, ddq = self.motion
         peaks = [np.abs(x).max(axis=0) for x in (dq, ddq, self.tau)]
         largest = (self.bounds.velocity, self.bounds.acceleration, self.effort)
@@ -217,7 +221,7 @@ class Plan:
             line for note in self._notes() for line in paragraph(note, 0))])
 
     def _notes(self) -> Iterator[str]:
-        """Yield sentences on the collision check and on limits that are assumed."""
+        """Yield sentences on collisions and on assumed limits."""
         if self.links is None or self.approach is None:
             yield ('warning: the motion is not checked for collisions of the robot with itself: '
                    f'{self.unchecked}')
@@ -236,7 +240,7 @@ class Plan:
 
 
 def describe(approach: Approach) -> str:
-    """Return the approach of two links with the distance that they must keep."""
+    """Return an approach of two links in words."""
     distance = f'{approach.distance:.2g} m' if approach.distance > 0.0 else 'none: they touch'
     return (f'{distance}, {" and ".join(approach.links)} at {approach.t:.1f} s; at least '
             f'{approach.required:.2g} m is needed')
@@ -245,7 +249,7 @@ def describe(approach: Approach) -> str:
 def excite(setup: Setup, request: Mapping[str, Any] | None = None, joints: Sequence[str] = ()
            ) -> Plan:
     """
-    Return a motion that shows the friction of every joint within the robot's limits.
+    Return a motion within limits that shows every joint's friction.
 
     Parameters
     ----------
@@ -256,12 +260,12 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None, joints: Seque
         ``poses``, ``center`` [rad], ``friction`` [N·m], ``position_range`` [rad],
         ``velocity_scale``, ``clearance`` [m], ``floor`` [m], ``evaluations``, ``seed``.
     joints : sequence of str
-        Joints that the motion is for: the others move little; empty for all.
+        Joints that the motion is for: the others move little. Empty means all.
 
     Returns
     -------
     Plan
-        The motion with its peaks and distances; for `write_excitation`.
+        The motion with its peaks and distances, for `write_excitation`.
 
     Raises
     ------
@@ -314,7 +318,7 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None, joints: Seque
 
 
 class FirstMotion(NamedTuple):
-    """A motion that keeps all limits, and its nearest approach of two links."""
+    """Motion within all limits, with its nearest approach of links."""
 
     excitation: Excitation
     approach: Approach | None
@@ -324,7 +328,7 @@ def first_motion(config: ExcitationConfig, bounds: Bounds, share: Array, model: 
                  friction: AssumedFriction, effort: Array, links: SelfCollision | None
                  ) -> FirstMotion:
     """
-    Return the first random motion that keeps all limits, as large as any does.
+    Return the first of the largest random motions within all limits.
 
     Parameters
     ----------
@@ -333,7 +337,7 @@ def first_motion(config: ExcitationConfig, bounds: Bounds, share: Array, model: 
     model, friction
         Give torques.
     effort : ndarray, shape (n,)
-        Largest torques [N·m]; inf for unlimited.
+        Largest torques, or inf for unlimited [N·m].
     links : SelfCollision or None
         Gives distances.
 
@@ -362,7 +366,7 @@ def first_motion(config: ExcitationConfig, bounds: Bounds, share: Array, model: 
 
 def _find_torque_beyond(excitation: Excitation, friction: AssumedFriction, model: Model,
                         effort: Array) -> str:
-    """Return the torque of a motion that is too large, in words; empty for none."""
+    """Return a too large torque of a motion in words, empty for none."""
     t = np.arange(0.0, excitation.times[-1], SEARCH.torque_step_s)
     torque = np.abs(friction.torques(model, excitation.at(t)))
     k, i = divmod(int((torque / effort).argmax()), len(effort))
@@ -374,7 +378,9 @@ def _find_torque_beyond(excitation: Excitation, friction: AssumedFriction, model
 
 def write_excitation(plan: Plan, setup: Setup, out: str | Path, overwrite: bool = False) -> None:
     """
-    Write a motion, and a parameter file that plays it; check that both are accepted.
+    Write a motion and a parameter file that plays it.
+
+    Both are checked.
 
     Parameters
     ----------

@@ -11,7 +11,11 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The figures of an identification: predicted torque over time, and friction over velocity."""
+"""
+Figures of an identification: predicted torque, and friction over velocity.
+
+`identified_robot` saves them for the page of `ctc identify`.
+"""
 
 from __future__ import annotations
 
@@ -30,12 +34,8 @@ RECORDED_COLOUR = '#8aa6c1'
 MODEL_COLOUR = '#7F7F7F'
 FRICTION_COLOUR = '#2e7d32'
 IDENTIFIED_COLOUR = '#b34a00'
-#: Points of a fitted curve.
-CURVE_POINTS = 200
-#: Points from which on dots are pixels in a figure of lines.
-MANY_POINTS = 5000
 #: Terms of friction that a curve over velocity has.
-OF_VELOCITY = (TermKind.COULOMB, TermKind.OFFSET, TermKind.VISCOUS, TermKind.STRIBECK)
+VELOCITY_TERMS = (TermKind.COULOMB, TermKind.OFFSET, TermKind.VISCOUS, TermKind.STRIBECK)
 
 
 class NamedFigure(NamedTuple):
@@ -48,7 +48,7 @@ class NamedFigure(NamedTuple):
 
 def torque_figure(identified: Identification, verdicts: Sequence[Verdict]
                   ) -> NamedFigure:
-    """Return the torque over time: recorded, of the given model, and as identified."""
+    """Return the torque over time, recorded and predicted."""
     prediction = identified.prediction
     figure, grid = sheet('Torque of time that was not fitted', len(verdicts), (1.0,), 1.6)
     for joint, verdict in enumerate(verdicts):
@@ -68,7 +68,11 @@ def torque_figure(identified: Identification, verdicts: Sequence[Verdict]
 
 def friction_figure(identified: Identification, verdicts: Sequence[Verdict]
                     ) -> NamedFigure:
-    """Return friction over velocity; without a curve for a joint that is not usable."""
+    """
+    Return friction over velocity.
+
+    A joint that is not usable has no curve.
+    """
     fit = identified.fit
     figure, grid = sheet('Friction over velocity', (len(verdicts) + 1) // 2, (1.0, 1.0), 2.0)
     for joint, verdict in enumerate(verdicts):
@@ -77,14 +81,14 @@ def friction_figure(identified: Identification, verdicts: Sequence[Verdict]
         used = fit.data.used[:, joint]
         speed = fit.data.windows.velocity[used, joint]
         beyond = fit.data.beyond_model[used, joint] - fit.torque(joint)[used]
-        points = beyond + fit.torque(joint, OF_VELOCITY)[used]
+        points = beyond + fit.torque(joint, VELOCITY_TERMS)[used]
         axes.plot(speed, points, '.', markersize=2.5, color=RECORDED_COLOUR, zorder=3,
-                  rasterized=len(speed) > MANY_POINTS)
+                  rasterized=len(speed) > 5000)  # Many dots are pixels.
         axes.set_xlabel('velocity [rad/s]')
         for sign in (1.0, -1.0) if verdict.usable else ():
-            own = np.abs(speed[np.sign(speed) == sign])
-            if len(own):
-                v = sign * np.linspace(own.min(), own.max(), CURVE_POINTS)
+            shown = np.abs(speed[np.sign(speed) == sign])
+            if len(shown):
+                v = sign * np.linspace(shown.min(), shown.max(), 200)
                 friction = identified.friction[joint]
                 low, middle, high = (friction_at(friction, v, 0.0, halves)
                                      for halves in (-1.0, 0.0, 1.0))

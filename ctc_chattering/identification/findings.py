@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Records of what an identification says: numbers with intervals, and findings that doubt them.
+Records of an identification: numbers with intervals, and findings.
 
 All steps from the recording to the gains return these. They hold data only: `sentences` puts
 findings into words.
@@ -61,7 +61,7 @@ class Estimate:
     value : float or None
         None without a number.
     half : float
-        Half the interval of 95 %; 0 without an interval.
+        Half the interval of 95 %, or 0 without an interval.
     unit : str
         As in ``N*m``.
     gap : Gap or None
@@ -86,16 +86,16 @@ class Estimate:
 
     @classmethod
     def unknown(cls, gap: Gap) -> Estimate:
-        """Return the estimate of a quantity that the data do not show."""
+        """Return the estimate of a quantity that does not show."""
         return cls(None, gap=gap)
 
     @classmethod
     def none(cls, **fields: Any) -> Estimate:
-        """Return the estimate of a quantity that the data show to be absent, or small."""
+        """Return the estimate of a quantity that is absent, or small."""
         return cls(None, absent=True, **fields)
 
     def __str__(self) -> str:
-        """Return value, interval and unit, or a bound, or why there is no number."""
+        """Return value, interval and unit, or the words in their place."""
         if self.value is not None:
             half = self.half if self.half > ROUNDING * abs(self.value) else 0.0
             return with_interval(self.value, half, self.unit)
@@ -107,20 +107,24 @@ class Estimate:
 
     @property
     def explanation(self) -> str:
-        """Words for the lack of a number; empty without them."""
+        """Words for the lack of a number, empty without them."""
         if self.shown_above is not None:
             return f'of velocities above {self.shown_above:g} rad/s'
         return self.gap.value if self.gap else ''
 
     @property
     def cell(self) -> str:
-        """Text for a table, without the unit: number, bound, `none`, or `-`."""
+        """Number, bound, `none`, or `-`, without the unit."""
         if self.value is None and self.at_least is None and not self.absent:
             return '-'
         return str(dataclasses.replace(self, unit=''))
 
     def number(self) -> float:
-        """Return the value, 0 if the quantity is absent; raise `CtcError` if it is not known."""
+        """
+        Return the value, 0 if the quantity is absent.
+
+        Raise `CtcError` if it is not known.
+        """
         if self.value is None and not self.absent:
             raise CtcError(str(self))
         return self.value or 0.0
@@ -140,7 +144,7 @@ ALL_JOINTS = -1
 
 
 class Severity(IntEnum):
-    """Effect of a finding on the numbers of a joint; its label is the verdict."""
+    """Effect of a finding on the numbers of a joint."""
 
     NOTE = 0
     CARE = 1
@@ -153,7 +157,11 @@ class Severity(IntEnum):
 
 
 class Reason(Enum):
-    """Observation behind a finding; `sentences.MESSAGES` has the words of each."""
+    """
+    Observation behind a finding.
+
+    `sentences.MESSAGES` has the words of each.
+    """
 
     RECORDING = auto()
     PAYLOAD = auto()
@@ -192,7 +200,7 @@ class Reason(Enum):
 @dataclasses.dataclass(frozen=True)
 class Finding:
     """
-    Observation that makes the numbers of a joint doubtful, or is worth a note.
+    Observation that makes numbers doubtful, or is worth a note.
 
     Attributes
     ----------
@@ -201,7 +209,7 @@ class Finding:
     severity : Severity
         Its effect on the joint.
     joint : int
-        Index of the joint; `ALL_JOINTS` for all.
+        Index of the joint, or `ALL_JOINTS`.
     values : mapping of str to number or text
         Values of the observation, by the names that its words have for them.
 

@@ -60,7 +60,7 @@ class CoupledFriction(NamedTuple):
 @dataclasses.dataclass(frozen=True)
 class JointFriction:
     """
-    Friction of a joint: Coulomb for each direction, viscous, Stribeck, and of the load.
+    Coulomb, viscous, Stribeck and load friction of a joint.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class JointFriction:
         return cls(unknown, unknown, unknown, unknown, unknown, unknown, unknown, unknown)
 
     def as_mapping(self, joints: Sequence[str]) -> dict[str, Any]:
-        """Return it as JSON has it; `joints` are the names of all joints."""
+        """Return it as JSON has it, with the names of joints."""
         numbers = {name: getattr(self, name).as_mapping() for name in NUMBERS}
         return {**numbers, 'coupled': [
             {'joint': joints[x.joint], 'coulomb': x.coulomb.as_mapping(),
@@ -107,7 +107,7 @@ class JointFriction:
 
     @property
     def at_rest(self) -> float:
-        """Largest Coulomb and Stribeck friction of both directions [N·m]; 0 if not known."""
+        """Largest friction near rest [N·m], 0 if it is not known."""
         coulomb = [abs(x.value or 0.0) for x in (self.coulomb, self.forwards, self.backwards)]
         return max(coulomb) + max(self.stribeck.value or 0.0, 0.0)
 
@@ -154,11 +154,11 @@ def joint_friction(fit: Fit, joint: int, systematic: float = 0.0, basic: Fit | N
             halves.append(doubt * (value - float(_row(basic, joint, weights) @ basic.value)))
         return Estimate(value, float(np.linalg.norm(halves)), unit)
 
-    def torque(kind: TermKind, offset: float = 0.0) -> Estimate:
-        return estimate({kind: 1.0, TermKind.OFFSET: offset}, 'N*m', systematic)
+    def torque(term_kind: TermKind, offset: float = 0.0) -> Estimate:
+        return estimate({term_kind: 1.0, TermKind.OFFSET: offset}, 'N*m', systematic)
 
-    def viscous(kind: TermKind) -> Estimate:
-        return estimate({kind: 1.0}, 'N*m*s/rad', systematic / speed)
+    def viscous(term_kind: TermKind) -> Estimate:
+        return estimate({term_kind: 1.0}, 'N*m*s/rad', systematic / speed)
 
     numbers = {'coulomb': torque(TermKind.COULOMB), 'forwards': torque(TermKind.COULOMB, 1.0),
                'backwards': torque(TermKind.COULOMB, -1.0),
@@ -181,13 +181,17 @@ def joint_friction(fit: Fit, joint: int, systematic: float = 0.0, basic: Fit | N
 
 
 def _row(fit: Fit, joint: int, weights: dict[TermKind, float]) -> Array:
-    """Return the weights of x that give a weighted sum of coefficients of a joint, shape (m,)."""
-    rows = [factor * fit.unknowns.row(joint, kind) for kind, factor in weights.items()]
+    """Return the weights of x for weighted coefficients, shape (m,)."""
+    rows = [factor * fit.unknowns.row(joint, x) for x, factor in weights.items()]
     return np.asarray(np.sum(rows, axis=0))
 
 
 def _unexplained_by_added(fit: Fit, basic: Fit | None, joint: int) -> float:
-    """Return the noise of a joint over that without the added terms; 0 if there are none."""
+    """
+    Return the noise of a joint over that without added terms.
+
+    It is 0 if there are none.
+    """
     if basic is None or (
             len(fit.unknowns.of_joint(joint)) == len(basic.unknowns.of_joint(joint))):
         return 0.0
@@ -195,7 +199,7 @@ def _unexplained_by_added(fit: Fit, basic: Fit | None, joint: int) -> float:
 
 
 def _no_stribeck(data: Observations, joint: int) -> Estimate:
-    """Return the absence of Stribeck friction, with the velocities that the motion shows."""
+    """Return the absence of Stribeck friction above a velocity."""
     speed = np.abs(data.windows.velocity[data.used[:, joint], joint])
     slow = [v for v in STRIBECK_VELOCITIES if (speed < v).sum() >= FEWEST_WINDOWS]
     if not slow:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Gains of `observer_feedback` from what was identified: ka, rate of the drives, and poles.
+Gains of `observer_feedback` for an identified robot.
 
 `identified_robot` calls this with the numbers of a run. The trial runs choose among the options
 that it returns, and `sentences` gives the reasons of the gains.
@@ -73,7 +73,7 @@ Gains = dict[str, Any]
 
 
 class RateLimit(NamedTuple):
-    """`torque_rate_limit` of each joint, shape (n,) [N·m/s], and findings on the drives."""
+    """`torque_rate_limit`, shape (n,) [N·m/s], with findings on the drives."""
 
     rate: Array
     findings: tuple[Finding, ...]
@@ -123,14 +123,14 @@ def torque_rate(identified: Identification, fastest: Array, declared: Sequence[f
 
 
 def longest_lag(identified: Identification) -> Array:
-    """Return the longest lag of each drive that is possible, shape (n,) [s]."""
+    """Return the longest possible lag of each drive, shape (n,) [s]."""
     timing = identified.timing
     possible = [lags[2] for lags in timing.delays.values()] or [timing.drive.lag]
     return np.asarray(np.max(possible, axis=0))
 
 
 class LatestTorque(NamedTuple):
-    """The possible delay and lag of the drives after which a torque acts last [s, s, samples]."""
+    """Slowest possible pair of delay and lag [s, s, samples]."""
 
     lateness: float
     lag: float
@@ -209,9 +209,9 @@ class FailedDraw(NamedTuple):
     draw : Draw
         The robot.
     failure : str
-        Why the run has no errors; empty if it has.
+        Why the run has no errors, empty if it has.
     joint : str
-        Joint with the largest error in proportion to the allowed one; empty without errors.
+        Joint with the largest error in proportion to the allowed one, if any.
     error, allowed : float
         Its RMS error, and the allowed one [rad].
     saturated : float
@@ -229,7 +229,7 @@ class FailedDraw(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """Trial runs of one option: its pole [rad/s], the number of draws, and the first failure."""
+    """Trial runs with one pole [rad/s]: draws, and the first failure."""
 
     pole: float
     draws: int
@@ -239,12 +239,12 @@ class Trial(NamedTuple):
 @dataclasses.dataclass(frozen=True)
 class Recommendation:
     """
-    Gains for the controller; n joints.
+    Gains for the controller of n joints.
 
     Attributes
     ----------
     values : dict
-        Parameters of the controller; those of a joint that is not usable are None.
+        Parameters of the controller. Those of an unusable joint are None.
     basis : GainBasis
         Numbers that they follow from.
     findings : tuple of Finding
@@ -252,7 +252,7 @@ class Recommendation:
     options : tuple of dict
         `values`, and more careful ones, each more than the one before.
     trials : tuple of Trial
-        Results of trial runs; empty where there were none.
+        Results of trial runs, if any.
 
     """
 
@@ -323,14 +323,14 @@ def recommend(identified: Identification, run: MeasuredPerturbation, model: Mode
         'ka': of_usable(bound.ka),
         'friction_level': of_usable(level),
         'torque_rate_limit': of_usable(drives.rate)}
-    options = tuple({**shared, **_pole_gains(basis, part, len(lag))}
-                    for part in GAIN_LIMITS.pole_parts)
+    options = tuple({**shared, **_pole_gains(basis, factor, len(lag))}
+                    for factor in GAIN_LIMITS.pole_parts)
     return Recommendation(options[0], basis, (
         *run.outliers(), *run.break_away(), *bound.findings, *drives.findings), options)
 
 
-def _pole_gains(basis: GainBasis, part: float, n: int) -> Gains:
-    """Return the gains of `observer_feedback` of n joints, for a part of the fastest pole."""
-    pole = round_to_digits(part * largest_pole(basis.latest.lateness), 2, np.floor)
+def _pole_gains(basis: GainBasis, factor: float, n: int) -> Gains:
+    """Return the gains of n joints for a part of the fastest pole."""
+    pole = round_to_digits(factor * largest_pole(basis.latest.lateness), 2, np.floor)
     return {'kp': [pole ** 2] * n, 'kv': [2.0 * pole] * n,
             'estimator_bandwidth': basis.estimator_ratio * pole}

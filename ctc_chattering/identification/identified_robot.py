@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Identification of a robot from recorded motions: numbers, corrected URDF, gains and files.
+Identification of a robot: numbers, corrected URDF, gains and files.
 
 `ctc identify` and the Python API call `identify` with the motions of bags or tables, then
 `write_identified`, which tries the gains in simulation and writes all files.
@@ -107,7 +107,7 @@ class RobotModel:
     model : Model
         Of the robot.
     files : dict of str to str
-        Descriptions by name; the last one is that of the model.
+        Descriptions by name. The last one is that of the model.
     locked : dict of str to float
         Positions of joints that the model fixes [rad].
     shared : dict
@@ -125,23 +125,23 @@ class RobotModel:
 
     @property
     def description(self) -> str:
-        """Text of the URDF of the model; empty for another model."""
+        """Text of the URDF, empty for another model."""
         return ['', *self.files.values()][-1]
 
     def described(self, text: str, joints: tuple[str, ...]) -> Model:
-        """Return the model of a description in the place of its own."""
+        """Return the model of another description."""
         return make_model('urdf', self.shared['gravity'], joints, text, self.locked)
 
     def loaded(self, payloads: Sequence[tuple[float, str]], joints: tuple[str, ...]
                ) -> list[Model]:
-        """Return the model with each known payload; empty if there is none."""
+        """Return the model with each payload, empty without any."""
         if not any(mass for mass, _ in payloads):
             return []
         return [self.described(with_payload(self.description, joints, mass, link), joints)
                 if mass else self.model for mass, link in payloads]
 
     def corrected(self, identified: Identification) -> RobotModel:
-        """Return it with the identified bodies; as it is where these are those of the model."""
+        """Return it with the identified bodies, if they differ."""
         text = corrected_description(identified, self.files.get(ROBOT, ''), self.locked)
         if not text:
             return self
@@ -152,14 +152,14 @@ class RobotModel:
 def corrected_description(identified: Identification, description: str,
                           locked: Mapping[str, float] | None = None) -> str:
     """
-    Return the URDF with the identified bodies; empty where they are those of the model.
+    Return the URDF with the identified bodies, empty for no change.
 
     Parameters
     ----------
     identified : Identification
         With the bodies.
     description : str
-        The URDF of the model; empty for another model.
+        The URDF of the model, empty for another model.
     locked : mapping of str to float, optional
         Positions of joints that the model fixes [rad].
 
@@ -171,7 +171,7 @@ def corrected_description(identified: Identification, description: str,
 
 
 def correction_findings(identified: Identification, file: str) -> Iterator[Finding]:
-    """Yield the differences of a corrected URDF, by its name, from the given one."""
+    """Yield the differences of a corrected URDF from the given one."""
     bodies = identified.bodies
     assert bodies is not None
     yield Finding(Reason.CORRECTED, Severity.NOTE, values={
@@ -207,11 +207,15 @@ class IdentifiedRobot:
 
     @property
     def missing(self) -> list[str]:
-        """Return the joints that are not usable: of these there are no gains."""
+        """Return the joints without gains: they are not usable."""
         return [x.joint for x in self.results.verdicts if not x.usable]
 
     def parameters(self, directory: Path) -> Values:
-        """Return the values of the parameter file, by node; `directory` has the description."""
+        """
+        Return the values of the parameter file, by node.
+
+        The description is in `directory`.
+        """
         shared = dict(self.robot.shared)
         if self.robot.files:
             shared['description'] = str((directory / list(self.robot.files)[-1]).resolve())
@@ -226,23 +230,23 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
              payloads: Sequence[tuple[float, str]] = (),
              urdf_uncertainty: float = URDF_UNCERTAINTY) -> IdentifiedRobot:
     """
-    Identify friction, drives and errors of the model from recorded motions, with gains.
+    Identify friction, drives, errors of the model, and gains.
 
     Parameters
     ----------
     motions : sequence of RecordedMotion
         As `read_motion` returns them, of one robot.
     model : str
-        ``two_link``, ``urdf`` or ``package.module:Name``; empty for that of the recording.
+        ``two_link``, ``urdf`` or ``package.module:Name``, empty for that of the recording.
     urdf : str
         Text of the URDF in place of that of the recording.
     gravity : float, optional
         In place of that of the recording, or 9.81 [m/s²].
     side : {'', 'motor', 'link', 'current'}
-        Kind of the effort: torque of the motor, torque of a sensor behind the gear, or a current;
-        empty where it is not used.
+        Kind of the effort: torque of the motor, torque of a sensor behind the gear, or a current.
+        It is empty where the effort is not used.
     torque_rate : sequence of float, length n
-        Rate that the drives allow [N·m/s]; empty where it is not known.
+        Rate that the drives allow [N·m/s], empty where it is not known.
     torque_constant : sequence of float, length n, optional
         Torque at the joint per unit of the effort, of a current [N·m/A] or a torque of the motor:
         the motor's times the gear ratio.
@@ -308,7 +312,11 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
 
 def _checked_payloads(payloads: Sequence[tuple[float, str]], count: int, robot: RobotModel,
                       joints: tuple[str, ...]) -> list[tuple[float, str]]:
-    """Return the payload of each motion, at the tip where no link is named; empty for none."""
+    """
+    Return the payload of each motion, empty for none.
+
+    It is at the tip where no link is named.
+    """
     if not all(0.0 <= mass < inf for mass, _ in payloads):
         raise ParameterError('payloads', payloads, 'pairs of a mass >= 0 [kg] and a link')
     if payloads and (len(payloads) != count or not robot.files):
@@ -319,7 +327,7 @@ def _checked_payloads(payloads: Sequence[tuple[float, str]], count: int, robot: 
 
 def _count_turns(recording: Recording, controller: ControllerConfig | None, model: Model
                  ) -> Recording:
-    """Return a recording whose continuous joints count their turns also over pauses."""
+    """Return a recording that counts turns also over pauses."""
     described = dict(zip(recording.joints, model.continuous))
     named = (DESCRIBED,) if controller is None else controller.continuous_joints
     continuous = [name in named or (DESCRIBED in named and described.get(name, False))
@@ -330,7 +338,7 @@ def _count_turns(recording: Recording, controller: ControllerConfig | None, mode
 
 def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None,
            findings: list[Finding]) -> RobotModel:
-    """Return the model for a motion, from arguments, the recording, or both."""
+    """Return the model by arguments, the recording, or both."""
     controller, description = motion.controller, urdf or motion.description
     name = model or ('urdf' if urdf else controller.model if controller else
                      'urdf' if description else '')
@@ -363,7 +371,7 @@ def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None,
 
 
 def _usual_rotors(description: str, joints: Sequence[str]) -> dict[str, float]:
-    """Return a usual rotor inertia of joints with an effort limit [kg·m²]."""
+    """Return usual rotor inertias, by the effort limits [kg·m²]."""
     described = Tree(description).joints
     return {name: ASSUMED_ROTOR * described[name].effort for name in joints
             if described[name].effort < inf}
@@ -373,7 +381,7 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
                      show: Callable[[str], None] = print, extra: str = 'svg',
                      command: str = '', overwrite: bool = False) -> IdentifiedRobot:
     """
-    Try the gains in simulation, and write parameter file, numbers, figures and page.
+    Try the gains in simulation, and write all files.
 
     Parameters
     ----------
@@ -384,8 +392,8 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
         ``figures``, ``index.html`` and the URDF. The parameter file is not written if a joint is
         not usable (`IdentifiedRobot.missing`).
     trials : int, optional
-        Robots within the intervals on which the gains are tried; by default 24, or 8 without
-        numba; 0 for none.
+        Robots within the intervals on which the gains are tried, by default 24, or 8 without
+        numba. With 0 none are tried.
     show : callable
         Takes lines about what is compiled for them.
     extra : {'svg', 'pdf', 'png'}
@@ -425,7 +433,11 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
 
 def _tried(identified: IdentifiedRobot, folder: Path, trials: int, show: Callable[[str], None]
            ) -> IdentifiedRobot:
-    """Return the robot with the gains that survive the trials; its URDF is in a folder."""
+    """
+    Return the robot with the gains that survive the trials.
+
+    Its URDF is in a folder.
+    """
     if not trials or identified.missing:
         return identified
     results = identified.results

@@ -112,7 +112,7 @@ class Identification:
         The regression.
     friction : list of JointFriction, length n
     bodies : IdentifiedBodies or None
-        Bodies, rotors and gravity; None for a model without a regressor.
+        Bodies, rotors and gravity, or None without a regressor.
     prediction : Prediction
         Torque of data that were not fitted.
     rate : list of Estimate, length n
@@ -157,7 +157,7 @@ def identify_recordings(recordings: Sequence[Recording], model: Model,
     signal : TorqueSignal
         Description of the torque by the user.
     loaded : sequence of Model
-        For each recording the model with its known payload; empty without one.
+        For each recording the model with its known payload, empty without one.
     velocities : VelocityNoise, optional
         Noise of the measured velocities, where it is known, and the recordings may lack them.
 
@@ -271,7 +271,7 @@ class _ModelledStretches:
         return self.phi.period * sum(len(stretch.q) for stretch in self.stretches)
 
     def windows(self, regressor: BodyRegressor | None) -> list[Windows]:
-        """Return the windows of each stretch, with gravity as the regressor has it."""
+        """Return the windows of each stretch with the regressor's gravity."""
         windows = [Windows.of(stretch, model, self.phi, regressor)
                    for stretch, model in zip(self.stretches, self.models)]
         if regressor is None:
@@ -280,7 +280,7 @@ class _ModelledStretches:
         return [rows.with_gravity(change) for rows in windows] if change.any() else windows
 
     def observe(self, windows: list[Windows], acting: Timing | None = None) -> Observations:
-        """Return the windows with their torque, as recorded or as it acts by a timing."""
+        """Return the windows with their torque, recorded or delayed."""
         n = self.stretches[0].q.shape[1]
         drive = Drive.ideal(n) if acting is None else acting.acting
         torque = [known_torque(stretch, rows.centres, self.source, self.phi, drive)
@@ -301,7 +301,7 @@ class _ModelledStretches:
 
 
 def _rotor_torque(data: Observations, regressor: BodyRegressor | None) -> Array:
-    """Return the torque of the rotors that the URDF lacks, shape (J, n) [N·m]."""
+    """Return the torque of assumed rotors, shape (J, n) [N·m]."""
     if regressor is None:
         return np.zeros_like(data.torque)
     accelerations = data.windows.bodies[:, :, regressor.inertial_count:-3]
@@ -309,7 +309,11 @@ def _rotor_torque(data: Observations, regressor: BodyRegressor | None) -> Array:
 
 
 def common_period(recordings: Sequence[Recording]) -> float:
-    """Return the period of recordings; raise `CtcError` if they do not belong together."""
+    """
+    Return the period of recordings.
+
+    Raise `CtcError` if they do not belong together.
+    """
     first, period = recordings[0], recordings[0].period
     for recording in recordings[1:]:
         if recording.joints != first.joints:

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Motions that excite all joints of a robot, for the identification of friction and model errors.
+Motions that excite all joints, for an identification.
 
 `excite` draws these at random, and takes the first that keeps all limits. The motion leads from
 where the robot stands to a few poses. At each pose every joint reverses once each way, lingering
@@ -45,7 +45,11 @@ from scipy.interpolate import BPoly, make_interp_spline  # type: ignore[import-u
 
 @dataclasses.dataclass(frozen=True)
 class MotionShape:
-    """Shape of the motion. The room of a joint is its greatest distance from the centre."""
+    """
+    Shape of the motion.
+
+    The room of a joint is its greatest distance from the centre.
+    """
 
     #: Part of a joint's range that stays free at each end.
     free_range: float = 0.05
@@ -147,7 +151,7 @@ class Bounds:
         return SHAPE.reversal_amplitude * self.room
 
     def time(self, distance: Array) -> float:
-        """Return the time that a quintic over a distance, shape (n,) [rad], takes [s]."""
+        """Return the duration [s] of a quintic over (n,) distances [rad]."""
         d = np.abs(distance) / SHAPE.kept_part
         return float(max(SHAPE.min_way_s, (QUINTIC_VELOCITY * d / self.velocity).max(),
                          np.sqrt(QUINTIC_ACCELERATION * d / self.acceleration).max()))
@@ -188,7 +192,7 @@ def bounds_of(config: ExcitationConfig, limits: Sequence[JointLimits]) -> Bounds
 
 
 class SlowSpan(NamedTuple):
-    """Times at which joints begin to reverse and to creep at a pose, and end it [s]."""
+    """Times at a pose: begin of reversals and creeping, and end [s]."""
 
     reverse: float
     creep: float
@@ -225,14 +229,14 @@ class Excitation:
                      [tuple(x) for x in self.points[1:].tolist()])
 
     def at(self, t: Array) -> Array:
-        """Return position, velocity and acceleration, (3, N, n), at the times `t`, (N,) [s]."""
+        """Return position, velocity, acceleration, (3, N, n), at (N,) times [s]."""
         path = BPoly.from_derivatives(self.times, self.points)
         return np.array([path(np.minimum(t, self.times[-1]), order) for order in range(3)])
 
 
 class Multisine(NamedTuple):
     """
-    Random multisine of n joints, at rest at both ends, of any size.
+    Random multisine of n joints, at rest at both ends.
 
     Attributes
     ----------
@@ -251,7 +255,7 @@ class Multisine(NamedTuple):
 
     @classmethod
     def draw(cls, duration: float, n: int, rng: np.random.Generator) -> Multisine:
-        """Return a spline of fifth order, which the quintics between its waypoints meet."""
+        """Return a fifth-order spline, as quintics between waypoints."""
         t = np.linspace(0.0, duration, ceil(duration / SHAPE.waypoint_s) + 1)
         k = np.arange(1, max(3, int(SHAPE.max_frequency_hz * duration)) + 1)[:, None]
         phase, size = rng.uniform(0.0, 2.0 * np.pi, (2, *k.shape[:1], n))
@@ -269,7 +273,7 @@ class Multisine(NamedTuple):
 def random_motion(config: ExcitationConfig, bounds: Bounds, share: Array, size: float, seed: int
                   ) -> Excitation:
     """
-    Return a motion of random poses, directions and sines, these as large as the bounds allow.
+    Return a motion of random poses, directions and sines.
 
     Parameters
     ----------
@@ -314,14 +318,15 @@ def random_motion(config: ExcitationConfig, bounds: Bounds, share: Array, size: 
         go(quarter, pose + turn)
         go(2.0 * quarter, pose - turn)
         go(quarter, pose)
-        creep, way = times[-1], SHAPE.creeping_way * turn
+        creep = times[-1]
+        run_up = SHAPE.creeping_way * turn
         slowest = SHAPE.creeping_velocities[k % len(SHAPE.creeping_velocities)]
-        speed = np.sign(turn) * np.minimum(slowest, SHAPE.creeping_ratio * np.abs(way) / way_s)
+        speed = np.sign(turn) * np.minimum(slowest, SHAPE.creeping_ratio * np.abs(run_up) / way_s)
         for sign in (1.0, -1.0):
             q = points[-1][0]
-            go(way_s, q + sign * way, sign * speed)
-            go(creeping_s, q + sign * (way + speed * creeping_s), sign * speed)
-            go(SHAPE.stop_s, q + sign * (way + speed * (creeping_s + 0.5 * SHAPE.stop_s)))
+            go(way_s, q + sign * run_up, sign * speed)
+            go(creeping_s, q + sign * (run_up + speed * creeping_s), sign * speed)
+            go(SHAPE.stop_s, q + sign * (run_up + speed * (creeping_s + 0.5 * SHAPE.stop_s)))
         spans.append(SlowSpan(reverse, creep, times[-1]))
     go(schedule.last_s, center)
     sines = Multisine.draw(schedule.multisine_s, n, rng)
@@ -337,7 +342,11 @@ def random_motion(config: ExcitationConfig, bounds: Bounds, share: Array, size: 
 
 
 class _Schedule(NamedTuple):
-    """Times of the ways to, between and from the poses, at each pose, and of the sines [s]."""
+    """
+    Durations of ways, of poses, and of the sines [s].
+
+    Ways lead to, between and from the poses.
+    """
 
     first_s: float
     between_s: float
@@ -347,7 +356,11 @@ class _Schedule(NamedTuple):
 
     @classmethod
     def of(cls, config: ExcitationConfig, bounds: Bounds) -> _Schedule:
-        """Return the times of a motion; raise `ParameterError` if its duration is too short."""
+        """
+        Return the times of a motion.
+
+        Raise `ParameterError` if its duration is too short.
+        """
         reach = SHAPE.pose_distance * bounds.room
         first_way = np.abs(np.array(config.start) - bounds.center) + reach
         first = max(bounds.time(first_way), SHAPE.min_first_way_s)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-All results of an identification: as text for the terminal, as JSON, and as a page.
+Results of an identification as text, JSON and page.
 
 `ctc identify` prints the text and writes the others. Numbers of a joint that is not usable are
 left out of them. The sentences are those of `sentences`.
@@ -46,7 +46,7 @@ from ctc_chattering.identification.sentences import (
 from ctc_chattering.identification.timing import describe_lag
 from ctc_chattering.identification.verdict import Verdict, verdicts
 
-#: Cell of a missing number; the verdict, or the JSON file, says why it is missing.
+#: Cell of a missing number. The verdict, or the JSON file, says why it is missing.
 NO_NUMBER = '-'
 #: Headings of friction in the order of the table, by field.
 FRICTION_HEADINGS = {
@@ -57,7 +57,7 @@ FRICTION_HEADINGS = {
 
 
 class Numbers(NamedTuple):
-    """Numbers of all joints, with their key of the JSON file and their heading."""
+    """Numbers of all joints, with their JSON key and heading."""
 
     key: str
     heading: str
@@ -136,7 +136,7 @@ class IdentificationResults:
     def _table(self, title: str, columns: Mapping[str, Sequence[str]], every: bool = False
                ) -> Table:
         """
-        Return a row a joint, without columns in which no joint has a number.
+        Return a row a joint, without columns of no number.
 
         Numbers of a joint that is not usable are there only if `every` is true.
         """
@@ -159,7 +159,7 @@ class IdentificationResults:
                 for text in self._about_all_joints(severity)]
 
     def verdict_lines(self) -> Iterator[str]:
-        """Yield lines of the verdicts, and before them the reasons that all joints share."""
+        """Yield lines of the verdicts, after the reasons for all joints."""
         for text in self.shared():
             yield from paragraph(f'all joints: {text}')
         for verdict in self.verdicts:
@@ -192,13 +192,13 @@ class IdentificationResults:
         return gain_reasons(self.recommended, [x.usable for x in self.verdicts])
 
     def _usable(self, value: object) -> object:
-        """Return a parameter with None for the joints that are not usable."""
+        """Return a parameter with None for unusable joints."""
         if not isinstance(value, list) or len(value) != len(self.verdicts):
             return value
         return [x if verdict.usable else None for x, verdict in zip(value, self.verdicts)]
 
     def text(self) -> str:
-        """Return it for a terminal, in lines of at most `WIDTH` characters."""
+        """Return it for a terminal of `WIDTH` columns."""
         lines = ['Verdict', *paragraph(next_step(self.verdicts)), *self.verdict_lines(), '']
         for table in self.tables():
             lines += [*paragraph(table.title, 0), *fitted([table.heads, *table.rows]), '']
@@ -209,10 +209,11 @@ class IdentificationResults:
 
     def as_mapping(self) -> dict[str, Any]:
         """Return it as JSON has it."""
-        found, timing, prediction = self.found, self.found.timing, self.found.prediction
+        numbers = self.found
+        timing, prediction = numbers.timing, numbers.prediction
         return {
-            'bags': self.source, 'joint_names': list(found.joints),
-            'clock': dataclasses.asdict(found.clock),
+            'bags': self.source, 'joint_names': list(numbers.joints),
+            'clock': dataclasses.asdict(numbers.clock),
             'torque_from': timing.source,
             'delays_possible': [
                 {'delay_samples': delay, 'actuator_lag_s': self._usable(lags[1].tolist()),
@@ -220,9 +221,9 @@ class IdentificationResults:
                 for delay, lags in timing.delays.items()],
             'verdicts': [_verdict_mapping(x) for x in self.verdicts],
             'friction': [
-                friction.as_mapping(found.joints) if verdict.usable else
+                friction.as_mapping(numbers.joints) if verdict.usable else
                 {**dict.fromkeys(NUMBERS, _without_number(verdict)), 'coupled': []}
-                for friction, verdict in zip(found.friction, self.verdicts)],
+                for friction, verdict in zip(numbers.friction, self.verdicts)],
             **{x.key: [estimate.as_mapping() for estimate in x.estimates] for x in self.sensors},
             **{x.key: [estimate.as_mapping() if verdict.usable else _without_number(verdict)
                        for estimate, verdict in zip(x.estimates, self.verdicts)]
@@ -232,7 +233,7 @@ class IdentificationResults:
                 'model': prediction.model_rms.tolist(),
                 'model_with_friction': prediction.with_friction_rms.tolist(),
                 'identified': prediction.identified_rms.tolist()},
-            **(found.bodies.as_mapping(found.joints) if found.bodies else {}),
+            **(numbers.bodies.as_mapping(numbers.joints) if numbers.bodies else {}),
             'peak_perturbation_nm': self._usable(self.run.peak.tolist()),
             'recommended': {
                 name: {'value': self._usable(self.recommended.values[name]), 'reason': reason}
@@ -246,7 +247,7 @@ def _cells(columns: Sequence[Numbers]) -> dict[str, list[str]]:
 
 
 def _without_number(verdict: Verdict) -> dict[str, Any]:
-    """Return an estimate of a joint that is not usable, as JSON has it."""
+    """Return an estimate of an unusable joint for JSON."""
     return {'value': None, 'reason': verdict.word}
 
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Sentences of `ctc identify`: its findings, verdicts, reasons of gains, and trial runs.
+Sentences of `ctc identify` on findings, verdicts, gains and trials.
 
 The other modules of the identification return records. `results` calls this module to put them
 into words, for the terminal, the page and the JSON file. A finding says what was seen and why,
@@ -34,7 +34,7 @@ from ctc_chattering.numerics.linear_algebra import Array
 
 class Message(NamedTuple):
     """
-    Words of a finding, with the names of its values in braces.
+    Words of a finding, with its values in braces.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Message(NamedTuple):
     text : str
         Observation and its cause.
     cure : str
-        Advice; empty for none.
+        Advice, empty for none.
 
     """
 
@@ -56,7 +56,7 @@ _RECORD_AGAIN = 'ecord a motion of `ctc excite --for {joint}` and identify both 
 _LONGER_MOTION = 'Record a longer or faster motion of `ctc excite`.'
 _DATA_SHEET = 'Give --torque-constant from the data sheet.'
 
-#: Words for each reason; `joint` is the name of the joint.
+#: Words for each reason. Here `joint` is the name of the joint.
 MESSAGES = {
     Reason.RECORDING: Message('note', '{text}.'),
     Reason.PAYLOAD: Message(
@@ -125,7 +125,8 @@ MESSAGES = {
         f'Look at the figure of its torque, and r{_RECORD_AGAIN}'),
     Reason.UNEXPLAINED: Message(
         'unexplained torque', '{identified_rms:.3g} of {recording_rms:.3g} N*m RMS of unseen '
-        'torque is not explained; {systematic_rms:.2g} N*m of it lasts longer than noise. ka contains it.',
+        'torque is not explained. {systematic_rms:.2g} N*m of it lasts longer than noise. ka '
+        'contains it.',
         'Look for its cause in the figure of its torque.'),
     Reason.UNCERTAIN: Message(
         'wide interval', 'The motion shows the friction only within wide intervals: {estimates}.',
@@ -174,7 +175,7 @@ MESSAGES = {
 
 
 class Words(NamedTuple):
-    """Sentences of a finding: the observation, and the advice, empty for none."""
+    """Observation and advice of a finding."""
 
     text: str
     cure: str
@@ -185,7 +186,7 @@ class Words(NamedTuple):
 
 
 def words_of(finding: Finding, joint: str) -> Words:
-    """Return the sentences of a finding; `joint` is the name of its joint."""
+    """Return the sentences of a finding on a named joint."""
     message = MESSAGES[finding.reason]
     values = {name: _spell(value) for name, value in finding.values.items()}
     return Words(message.text.format(joint=joint, **values),
@@ -193,7 +194,7 @@ def words_of(finding: Finding, joint: str) -> Words:
 
 
 def _spell(value: Any) -> Any:
-    """Return several values, or a trial, as words; other values as they are."""
+    """Return several values, or a trial, as words."""
     if isinstance(value, Trial):
         return trial_text(value)
     if isinstance(value, Mapping):
@@ -248,8 +249,9 @@ def gain_reasons(recommended: Recommendation, usable: Sequence[bool]) -> dict[st
         'ka': _ka_reason(basis, usable),
         'friction_level': 'It is the Coulomb friction.',
         'torque_rate_limit': 'The fastest motion, a reversal of friction within '
-        f'{GAIN_LIMITS.reversal_s:g} s, and carrying the weight within {GAIN_LIMITS.carried_s:g} s '
-        'at the start need this rate. It is within the rate of the drives where that is known.',
+        f'{GAIN_LIMITS.reversal_s:g} s, and carrying the weight within '
+        f'{GAIN_LIMITS.carried_s:g} s at the start need this rate. It is within the rate of the '
+        'drives where that is known.',
         'kp': f'The double pole p = {pole:g} rad/s has p (T + h (1 + d)) = '
         f'{pole * latest.lateness:.2g} ≤ {MAX_POLE_LATENESS:g} with T = {latest.lag:.3g} s, '
         f'h = {basis.period:g} s, d = {latest.delay}.',
@@ -260,7 +262,7 @@ def gain_reasons(recommended: Recommendation, usable: Sequence[bool]) -> dict[st
 
 
 def _ka_reason(basis: GainBasis, usable: Sequence[bool]) -> str:
-    """Return the parts of ka, without those of joints that are not usable."""
+    """Return the parts of ka, without unusable joints."""
     def listed(values: Array) -> str:
         return ', '.join(f'{round(x, 6):.3g}' if good else '-'
                          for x, good in zip(values.tolist(), usable))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Parameter file of an identified robot, and trials of gains on simulated robots like it.
+Parameter file of an identified robot, and trials of its gains.
 
 `identified_robot` writes the file, and runs the trials before. In a trial, model and friction are
 at ends of their intervals, and the controller has the recommended gains. The gains survive if no
@@ -60,7 +60,7 @@ class MotionOfFile:
     """Motion of the parameter file: a sinusoid for each joint."""
 
     #: Part of the range and of the speed of the recorded motion.
-    part: float = 0.5
+    range_part: float = 0.5
     duration_s: float = 10.0
     #: Smooth start.
     start_s: float = 2.0
@@ -100,11 +100,11 @@ def parameter_values(identified: Identification, recommended: Recommendation, mo
     Parameters
     ----------
     identified : Identification
-        Numbers of a run; the motion of the reference is within its positions.
+        Numbers of a run. The motion of the reference is within its positions.
     recommended : Recommendation
         Gains for it.
     model : Model
-        The controller's; its limits of position are kept.
+        The controller's. Its limits of position are kept.
     shared : mapping
         Values of all nodes: model, description, gravity, locked.
     gains : (kp, kv) or None
@@ -161,7 +161,7 @@ def _plant(identified: Identification) -> dict[str, Any]:
 
 
 def _sensors(identified: Identification) -> dict[str, Any]:
-    """Return the noise of the plant's positions, which have a step or noise, and velocities."""
+    """Return the step or noise of positions, and noise of velocities."""
     step = np.array([x.value or 0.0 for x in identified.encoder])
     rounding = STEP_VARIANCE * np.square(step)
     variance = np.square(identified.positions.noise) - rounding
@@ -173,7 +173,11 @@ def _sensors(identified: Identification) -> dict[str, Any]:
 
 
 def _clear_offset(friction: JointFriction) -> float:
-    """Return half the difference of both directions [N·m]; 0 where it is not clear."""
+    """
+    Return half the difference of both directions [N·m].
+
+    It is 0 where it is not clear.
+    """
     coulomb = friction.coulomb.number()
     offset = friction.forwards.number() - coulomb
     smallest = max(friction.forwards.half, 0.01 * abs(coulomb))
@@ -181,13 +185,14 @@ def _clear_offset(friction: JointFriction) -> float:
 
 
 def _reference(identified: Identification, model: Model) -> dict[str, Any]:
-    """Return a sinusoid for each joint, within the recorded range and speed, and its limit."""
+    """Return a sinusoid for each joint within its recorded range."""
     (low, high), n = identified.positions.ends, len(identified.joints)
     limit = np.asarray(getattr(model, 'velocity_limits', None) or np.inf)
     fastest = np.minimum(np.abs(identified.fit.data.windows.velocity).max(axis=0), limit)
     frequency = np.linspace(MOTION.first_frequency_hz, MOTION.last_frequency_hz, n)
     largest = np.minimum(0.5 * (high - low), fastest / (2.0 * np.pi * frequency))
-    return {'center': _rounded(0.5 * (low + high)), 'amplitude': _rounded(MOTION.part * largest),
+    amplitude = MOTION.range_part * largest
+    return {'center': _rounded(0.5 * (low + high)), 'amplitude': _rounded(amplitude),
             'frequency': _rounded(frequency, 3), 'phase': _rounded(0.5 * np.arange(n), 3)}
 
 
@@ -200,7 +205,7 @@ def trial_runs(identified: Identification, run: MeasuredPerturbation, recommende
                setups: Sequence[Setup], count: int = COMPILED_COUNT, seed: int = 1
                ) -> Recommendation:
     """
-    Return the recommendation that survives all draws, with the results of the runs.
+    Return the recommendation that survives all draws.
 
     Parameters
     ----------
@@ -295,7 +300,7 @@ def draw_robots(identified: Identification, run: MeasuredPerturbation, plant: Pl
 
 
 def _friction_at(identified: Identification, plant: PlantConfig, end: int) -> dict[str, Any]:
-    """Return the plant's friction at an end of its intervals, -1 or 1."""
+    """Return friction at an end of its intervals, -1 or 1."""
     values = {}
     for name in ('coulomb', 'viscous', 'stribeck', 'load'):
         middle = np.array(getattr(plant, f'{name}_friction'))
@@ -306,7 +311,7 @@ def _friction_at(identified: Identification, plant: PlantConfig, end: int) -> di
 
 
 def _allowed_error(setup: Setup, usual: Score) -> Array:
-    """Return the RMS errors that are allowed, shape (n,) [rad]: those of `compensation`."""
+    """Return the allowed RMS errors, those of `compensation`, (n,) [rad]."""
     amplitude = TRIAL.max_tracking_error * np.array(setup.reference.amplitude)
     tracked = amplitude if usual.failure else np.minimum(usual.rms, amplitude)
     return np.maximum(tracked, TRIAL.min_error_steps * np.array(setup.plant.encoder_resolution))
@@ -314,7 +319,7 @@ def _allowed_error(setup: Setup, usual: Score) -> Array:
 
 def _find_failure(number: int, draw: Draw, trial: Score, allowed: Array, joints: Sequence[str]
                   ) -> FailedDraw | None:
-    """Return why gains fail on a robot; None if they do not."""
+    """Return the failure of gains on a robot, if any."""
     if trial.failure:
         return FailedDraw(number, draw, trial.failure)
     joint = int(np.argmax(np.divide(trial.rms, allowed)))

@@ -34,7 +34,7 @@ import numpy as np
 
 @dataclasses.dataclass(frozen=True)
 class JudgeLimits:
-    """Limits between the verdicts; RMS values are those of unseen torque."""
+    """Limits between the verdicts, for RMS values of unseen torque."""
 
     #: RMS of the identified model over that of the given one. Above it, it is no better.
     max_rms_ratio: float = 0.97
@@ -92,7 +92,7 @@ class Verdict(NamedTuple):
 
     @property
     def needs_motion(self) -> bool:
-        """Use of a further motion of this joint: it would settle a doubt."""
+        """Use of another motion, which would settle a doubt."""
         return any(finding.reason in SETTLED_BY_MOTION for finding in self.doubts)
 
 
@@ -124,7 +124,7 @@ def verdicts(identified: Identification, later: Sequence[Finding] = ()) -> list[
 
 
 def _judge(identified: Identification, joint: int) -> Iterator[Finding]:
-    """Yield the findings that follow from the prediction of a joint's unseen torque."""
+    """Yield the findings from the prediction of a joint's torque."""
     if not identified.fit.data.moving[joint]:
         yield Finding(Reason.NOT_EXCITED, Severity.REFUSED, joint)
         return
@@ -148,7 +148,7 @@ def _judge(identified: Identification, joint: int) -> Iterator[Finding]:
 
 
 def _find_wide_intervals(identified: Identification, joint: int) -> Iterator[Finding]:
-    """Yield a finding if friction of a joint has a wide interval."""
+    """Yield a finding if friction has a wide interval."""
     friction = identified.friction[joint]
     smallest = LIMITS.min_friction * float(identified.prediction.recording_rms[joint])
     widest = LIMITS.max_half_interval * max(abs(friction.coulomb.number()), smallest)
@@ -159,7 +159,7 @@ def _find_wide_intervals(identified: Identification, joint: int) -> Iterator[Fin
 
 
 def _friction_rms(identified: Identification, joint: int) -> float:
-    """Return the RMS of the friction of a joint in its motion [N·m]."""
+    """Return the RMS of a joint's friction in motion [N·m]."""
     torque = identified.fit.torque(joint, tuple(TermKind))
     used = identified.fit.data.used[:, joint]
     return float(np.sqrt(np.square(torque[used]).mean())) if used.any() else 0.0
