@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Conventions of a recorded torque: its unit, its sign, and the order of its joints.
+Conventions of a recorded torque: unit, sign and order.
 
 `identify` calls these checks once the windows are computed. They refuse a torque of another unit,
 sign or order, since the regression would make wrong masses out of it.
@@ -24,14 +24,14 @@ from collections.abc import Sequence
 import dataclasses
 from typing import NamedTuple
 
-from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.findings import Estimate, Finding, Reason, Severity
+from ctc_chattering.identification.recording import RecordingError, RecordingFault
 from ctc_chattering.identification.regression import Observations
 from ctc_chattering.identification.stretches import COMMAND, EFFORT
 from ctc_chattering.identification.torque_shape import (
     Factor,
     fit_beside_any_gravity,
-    fit_shape,
+    fit_model,
 )
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -78,7 +78,7 @@ class Conventions(NamedTuple):
     findings : tuple of Finding
         Doubts about these.
     estimates : tuple of Estimate, length n
-        Constants that were identified; empty where the signal is a torque.
+        Identified constants, empty where the signal is a torque.
 
     """
 
@@ -89,7 +89,7 @@ class Conventions(NamedTuple):
 
 def check_torque(data: Observations, source: str) -> tuple[Finding, ...]:
     """
-    Return findings on the joints whose torque has another unit than the others.
+    Return the joints whose torque has another unit.
 
     Parameters
     ----------
@@ -100,12 +100,13 @@ def check_torque(data: Observations, source: str) -> tuple[Finding, ...]:
 
     Raises
     ------
-    CtcError
+    RecordingError
         If the torque has another unit, or no weight.
 
     """
-    shapes = {joint: fit_shape(data, joint) for joint in np.flatnonzero(data.moving).tolist()}
-    weights = {joint: shape.weight for joint, shape in shapes.items() if shape.shows_weight}
+    moving = np.flatnonzero(data.moving).tolist()
+    weights = {joint: fit_model(data, joint).factors[0] for joint in moving}
+    weights = {joint: factor for joint, factor in weights.items() if factor.is_known}
     if not weights:
         return ()
     # The joint with the median load decides: a tool is much for the joints near the tip.
@@ -115,23 +116,24 @@ def check_torque(data: Observations, source: str) -> tuple[Finding, ...]:
     middle = int(np.searchsorted(np.cumsum(loads[order]), 0.5 * loads.sum()))
     median = float(factors[order][min(middle, len(order) - 1)])
     if not LIMITS.min_factor <= median <= LIMITS.max_factor:
-        raise CtcError(
-            f'the {SIGNAL_NAMES[source]} has {median:.2g} times the weight of the model: it is no '
-            'torque in N*m at the joint, or the model is another robot. For a current give '
-            '--effort current; for another unit --torque-constant; for a robot that carries its '
-            'weight itself --gravity 0')
+        raise RecordingError(
+            RecordingFault.UNIT,
+            f'the {SIGNAL_NAMES[source]} has {median:.2g} times the weight of the model. Either '
+            'it is no torque in N*m at the joint, or the model is of another robot. Give --effort '
+            'current for a current, --torque-constant for another unit, or --gravity 0 for a '
+            'robot that carries its weight itself')
     return tuple(_other_unit(joint, factor, source)
                  for joint, factor in weights.items() if not _is_possible(factor))
 
 
 def _is_possible(factor: Factor) -> bool:
-    """Return whether the weight may be that of a torque of this robot."""
+    """Return whether this robot may have such a weight."""
     half = 2.0 * factor.error
     return factor.value + half > LIMITS.min_factor and factor.value - half < LIMITS.max_factor
 
 
 def _other_unit(joint: int, factor: Factor, source: str) -> Finding:
-    """Return the finding on a joint with much less, or much more, weight than the model."""
+    """Return the finding on a joint with another weight than the model."""
     reason, severity = Reason.UNITS, Severity.REFUSED
     if factor.value > LIMITS.max_factor:
         reason, severity = Reason.TOOL, Severity.CARE
@@ -141,34 +143,35 @@ def _other_unit(joint: int, factor: Factor, source: str) -> Finding:
 
 def check_sign(data: Observations, joints: Sequence[str], source: str) -> Conventions:
     """
-    Return the signs of the torque; friction and inertia of the other sign would drive a joint.
+    Return the sign of each joint's torque.
 
-    They have the same sign however the base is mounted. Where neither shows, the weight decides,
-    though an arm that hangs from the ceiling has that with the other sign.
+    Friction and inertia have the same sign however the base is mounted. Where neither shows, the
+    weight decides, though an arm that hangs from the ceiling has that with the other sign.
 
     Raises
     ------
-    CtcError
+    RecordingError
         If the torque has the other sign.
 
     """
     moving = np.flatnonzero(data.moving).tolist()
     factors = {joint: fit_beside_any_gravity(data, joint).factors[:2] for joint in moving}
     evidence = {joint: sum(factor.sign for factor in x) for joint, x in factors.items()}
-    shapes = [fit_shape(data, joint) for joint in moving]
-    weights = [shape.weight.value for shape in shapes if shape.shows_weight]
+    weight_factors = [fit_model(data, joint).factors[0] for joint in moving]
+    weights = [factor.value for factor in weight_factors if factor.is_known]
     if any(factor.sign for x in factors.values() for factor in x):
         sign = sum(evidence.values())
     else:
         sign = float(np.median(weights or [0.0]))
     if sign < 0.0:
-        weight = f', and {np.median(weights):.2f} times the weight of the model' if weights else ''
+        weight = f', {np.median(weights):.2f} times the weight of the model' if weights else ''
         cure = 'Turn the sign of the recorded commands, or name their topic with --commands'
         if source == EFFORT:
             cure = 'Turn the sign with --torque-constant=-1'
-        raise CtcError(
-            f'the {SIGNAL_NAMES[source]} has the other sign: friction or inertia below 0{weight}. '
-            f'{cure}')
+        raise RecordingError(
+            RecordingFault.SIGN,
+            f'the {SIGNAL_NAMES[source]} has the other sign. It shows friction or inertia below '
+            f'0{weight}. {cure}')
     constant = np.ones(len(joints))
     constant[[joint for joint in moving if evidence[joint] < 0.0]] = -1.0
     option = ','.join(f'{x:g}' for x in constant)
@@ -183,12 +186,12 @@ def check_sign(data: Observations, joints: Sequence[str], source: str) -> Conven
 
 
 def check_order(data: Observations, joints: Sequence[str]) -> None:
-    """Raise `CtcError` if the columns of commands fit other joints better."""
+    """Raise `RecordingError` if the columns of commands fit other joints better."""
     moving = np.flatnonzero(data.moving).tolist()
     if len(moving) < 2:
         return
     unexplained = np.array([
-        [max(fit_shape(data, joint, signal).unexplained, 1e-4) for joint in moving]
+        [max(fit_model(data, joint, signal).unexplained, 1e-4) for joint in moving]
         for signal in moving])
     _, best = linear_sum_assignment(np.log(unexplained))
     recorded = np.arange(len(moving))
@@ -200,7 +203,8 @@ def check_order(data: Observations, joints: Sequence[str]) -> None:
     improvement = np.log(as_recorded / reordered).mean()
     is_better = improvement > np.log(LIMITS.min_improvement)
     if is_better and (reordered < LIMITS.max_unexplained).all():
-        raise CtcError(
+        raise RecordingError(
+            RecordingFault.ORDER,
             f'the commands do not fit the joints in the order {",".join(joints)}: they leave '
-            f"{as_recorded.max():.0%} of a joint's torque unexplained, and {reordered.max():.0%} "
-            'in another order; give --joints in their order')
+            f"{as_recorded.max():.0%} of a joint's torque unexplained, but {reordered.max():.0%} "
+            'in another order. Give --joints in the order of the commands')

@@ -78,7 +78,7 @@ class Profile:
 
     @cached_property
     def data(self) -> Observations:
-        """All windows with the torques as they are; those used slide one way."""
+        """All windows with their torques, of which those that slide one way are used."""
         torque = self.torque(Drive.ideal(self.joint_count))
         data = Observations.of(join_windows(self.windows), torque)
         slides = np.abs(data.windows.direction) > 1.0 - 1e-9
@@ -91,7 +91,7 @@ class Profile:
 
     @cached_property
     def bases(self) -> list[Array]:
-        """Orthonormal basis of what explains the torque of each joint in its windows."""
+        """Orthonormal basis of each joint's model and friction."""
         windows = self.data.windows
         bases = []
         for joint, used in enumerate(self.data.used.T):
@@ -105,13 +105,13 @@ class Profile:
         return bases
 
     def torque(self, drive: Drive) -> Array:
-        """Return the weak torque of all windows, shape (J, n); nan where it is not known."""
+        """Return the weak torque of all windows, shape (J, n), nan if unknown."""
         return np.concatenate([
             known_torque(stretch, windows.centres, self.source, self.phi, drive)
             for stretch, windows in zip(self.stretches, self.windows)])
 
     def squares(self, delay: float) -> Array:
-        """Return the sum of squares of each joint without a lag, shape (n,) [(N·m)²]."""
+        """Return the sums of squares without a lag, shape (n,) [(N·m)²]."""
         torque = self.torque(Drive.ideal(self.joint_count, delay))
         target = np.nan_to_num(torque - self.data.windows.model_torque)
         sums = []
@@ -123,7 +123,7 @@ class Profile:
 
 
 def _orthonormal_basis(columns: Array) -> Array:
-    """Return a basis of what columns span, without directions that are rounding."""
+    """Return a basis of the span of columns, without rounding."""
     length = np.sqrt(np.square(columns).sum(axis=0))
     scaled = columns / np.where(length > 0.0, length, 1.0)
     u, s, _ = np.linalg.svd(scaled, full_matrices=False)
@@ -131,7 +131,7 @@ def _orthonormal_basis(columns: Array) -> Array:
 
 
 def unlimited_rates(n: int) -> Array:
-    """Return the rate limits of n joints of which nothing is known, shape (3, n) [N·m/s]."""
+    """Return the rate limits of unknown drives, shape (3, n) [N·m/s]."""
     return np.tile(np.array([[0.0], [np.inf], [np.inf]]), n)
 
 
@@ -142,7 +142,7 @@ class _Scan(NamedTuple):
     Attributes
     ----------
     squares : ndarray, shape (n, delays, lags)
-        [(N·m)²]; inf where nothing is computed, 0 for a joint that rests.
+        [(N·m)²], inf where nothing is computed, 0 for a joint that rests.
     residuals : list of ndarray, shape (rows,)
         Residual at the best delay and lag of each joint in motion [N·m].
 
@@ -154,7 +154,7 @@ class _Scan(NamedTuple):
 
 class DriveSearch:
     """
-    Sums of squares of each joint over delay, lag and rate limit.
+    Sums of squares over delay, lag and rate limit.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ class DriveSearch:
         return _Scan(squares, residuals)
 
     def _torques(self, lags: Array, rate: Array) -> Array:
-        """Return the weak torque for each lag and delay, shape (lags, delays, J, n) [N·m]."""
+        """Return the weak torques, shape (lags, delays, J, n) [N·m]."""
         profile, phi = self._profile, self._profile.phi
         torque = np.empty((len(lags), len(self._delays), *profile.data.torque.shape))
         end = 0
@@ -251,7 +251,7 @@ class DriveSearch:
         return noise
 
     def _cost(self, squares: Array) -> Array:
-        """Return the sum over all joints for each delay, in units of the noise."""
+        """Return the sum for each delay, in units of the noise."""
         best = squares[self._joints].min(axis=2)
         return np.asarray((best / self._noise[self._joints, None]).sum(axis=0))
 
@@ -272,7 +272,7 @@ class DriveSearch:
 
     @property
     def _rate_squares(self) -> Array:
-        """Least sum of squares for each rate limit and joint, shape (rates, n) [(N·m)²]."""
+        """Least sums of squares by rate limit, shape (rates, n) [(N·m)²]."""
         squares = np.array(self._by_rate)[:, :, self._possible_delays]
         return np.asarray(squares.min(axis=2))
 
@@ -293,7 +293,7 @@ class DriveSearch:
         return np.asarray(np.max(changes, axis=0))
 
     def try_rates(self) -> None:
-        """Add rate limits, from twice the fastest change of the commands downwards."""
+        """Add rate limits, downwards from twice the fastest change."""
         fastest = self._fastest
         rate = np.where(fastest > 0.0, 2.0 * fastest, np.inf)
         excluded_count = np.zeros(len(fastest))
@@ -316,7 +316,7 @@ class DriveSearch:
 
     def rate_limits(self) -> Array:
         """
-        Return the lowest, best and highest rate limit of each joint, shape (3, n) [N·m/s].
+        Return the lowest, best and highest rate limits, shape (3, n) [N·m/s].
 
         Those that are excluded next to possible ones count as the ends.
         """
@@ -352,7 +352,7 @@ class DriveSearch:
         return delays
 
     def _lag_limits(self, joint: int, j: int) -> Array:
-        """Return the lowest, best and highest lag with the j-th delay, shape (3,) [s]."""
+        """Return lowest, best and highest lag with a delay, shape (3,) [s]."""
         squares = self._least[joint, j]
         best = int(np.argmin(squares))
         noise = max(self._noise[joint], 1e-300)
@@ -368,7 +368,7 @@ class DriveSearch:
         return np.array([lowest, lag, min(highest, LAGS[-1])])
 
     def best_delay(self, delays: dict[int, Array]) -> int:
-        """Return the most likely of these delays; fewer lags are more likely."""
+        """Return the most likely delay, by likelihood and number of lags."""
         cost = dict(zip(self._delays, self._cost(self._least)))
 
         def penalized(delay: int) -> float:

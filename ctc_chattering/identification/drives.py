@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Torque that drives give for their commands, and its mean over windows.
+Torque that drives give for their commands.
 
 A command is held for a period h. The torque follows it with the lag T, by (DM1), and changes by at
 most the rate R. It acts some samples after the state that it answers. `identify` takes the torque
@@ -64,7 +64,7 @@ def mean_drive_torque(
         rate: Array | float,
         period: float) -> Array:
     """
-    Return the mean torque over each period, shape (..., N, n) [N·m].
+    Return the mean torque of each period, (..., N, n) [N·m].
 
     Without a rate limit and with a = exp(-h/T) the mean over a period is
     c[k] + (T/h) (1 - a) (τ[k] - c[k]), and τ[k+1] = a τ[k] + (1 - a) c[k].
@@ -72,9 +72,9 @@ def mean_drive_torque(
     Parameters
     ----------
     values : ndarray, shape (N, n)
-        Commands c [N·m]; nan counts as 0.
+        Commands c [N·m]. nan counts as 0.
     lag : ndarray, shape (..., n)
-        T [s]; several are computed at once.
+        T [s]. Several are computed at once.
     rate : ndarray, shape (n,), or float
         R [N·m/s], inf for none.
     period : float
@@ -112,7 +112,7 @@ def mean_drive_torque(
 
 
 def iterate_lags(values: Array, lags: Array, rate: Array, period: float) -> Iterator[Array]:
-    """Yield `mean_drive_torque` for each lag of shape (K,) [s], the same for all joints."""
+    """Yield `mean_drive_torque` for lags of all joints, shape (K,) [s]."""
     # A million numbers at once, to limit the memory.
     at_once = max(1, 1_000_000 // values.size)
     for block in np.split(lags, range(at_once, len(lags), at_once)):
@@ -120,8 +120,11 @@ def iterate_lags(values: Array, lags: Array, rate: Array, period: float) -> Iter
         yield from mean_drive_torque(values, same_lags, rate, period)
 
 
-def find_complete(values: Array, centres: Indices, samples_before: int, samples_after: int
-                  ) -> Flags:
+def find_complete(
+        values: Array,
+        centres: Indices,
+        samples_before: int,
+        samples_after: int) -> Flags:
     """
     Flag the centres around which values are known, shape (J, n).
 
@@ -150,12 +153,12 @@ def weak_torque(
         phi: TestFunction,
         centres: Indices) -> Array:
     """
-    Return ∫ φ tau dt over each window, shape (J, n) [N·m].
+    Return ∫ φ tau dt of each window, (J, n) [N·m].
 
     Parameters
     ----------
     values : ndarray, shape (N, n)
-        Torque of each sample [N·m]; nan counts as 0.
+        Torque of each sample [N·m]. nan counts as 0.
     drive : Drive
         From these values to the torque.
     period : float
@@ -169,7 +172,10 @@ def weak_torque(
     for joint in range(values.shape[1]):  # Joint by joint, for long series.
         column = slice(joint, joint + 1)
         torque = mean_drive_torque(
-            values[:, column], drive.lag[column], drive.rate[column], period)
+            values[:, column],
+            drive.lag[column],
+            drive.rate[column],
+            period)
         mean = phi.sums(torque, phi.over, centres - whole)
         if drive.delay != whole:
             mean = 0.5 * (mean + phi.sums(torque, phi.over, centres - whole - 1))
@@ -183,7 +189,7 @@ def known_torque(
         source: str,
         phi: TestFunction,
         drive: Drive) -> Array:
-    """Return the weak torque of windows, shape (J, n) [N·m]; nan where it is not known."""
+    """Return the weak torque of windows, shape (J, n) [N·m], nan if unknown."""
     values = np.asarray(stretch.torque(source))
     torque = weak_torque(values, drive, stretch.period, phi, centres)
     samples_before = phi.half + int(np.ceil(drive.delay))

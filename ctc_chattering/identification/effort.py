@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Choice of the torque, commanded or measured, in N·m at the joints.
+Choice of the torque, commanded or measured, in N·m.
 
 `identify` asks which torque it may use, and has the effort multiplied by constants of the user.
 """
@@ -22,8 +22,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 
-from ctc_chattering.errors import CtcError, ParameterError, UsageError
-from ctc_chattering.identification.recording import Recording
+from ctc_chattering.errors import ParameterError, UsageError
+from ctc_chattering.identification.recording import (
+    Recording,
+    RecordingError,
+    RecordingFault,
+)
 from ctc_chattering.identification.stretches import COMMAND, EFFORT, Stretch
 from ctc_chattering.parameters import checked_vector
 import numpy as np
@@ -37,7 +41,9 @@ CURRENT = 'current'
 
 def choose_source(stretches: Sequence[Stretch], side: str, name: str) -> str:
     """
-    Return the torque that is used: the commands, or an effort that the user says is one.
+    Return the torque that is used, `COMMAND` or `EFFORT`.
+
+    An effort is used only if the user says that it is a torque or a current.
 
     Parameters
     ----------
@@ -60,11 +66,12 @@ def choose_source(stretches: Sequence[Stretch], side: str, name: str) -> str:
         return EFFORT
     if is_commanded:
         return COMMAND
-    raise CtcError(
-        f'{name}: there are no commanded torques, and it is not known what the effort is. Give '
-        '--effort motor for the torque of the motors in N*m at the joint, --effort current for '
-        'currents, or --effort link for a torque sensor behind the gear, which shows little of '
-        'its friction')
+    raise RecordingError(
+        RecordingFault.TORQUE,
+        f'{name}: the recording has no commanded torques, and does not tell what the effort is. '
+        'Give --effort motor for the torque of the motors in N*m at the joint, --effort current '
+        'for currents, or --effort link for a torque sensor behind the gear, which shows little '
+        'of its friction')
 
 
 def convert_effort(
@@ -72,14 +79,14 @@ def convert_effort(
         side: str,
         torque_constant: Sequence[float] | None) -> tuple[list[Recording], str]:
     """
-    Return recordings whose effort is the torque at the joint, and the kind it then has.
+    Return recordings with the torque at the joint, and its kind.
 
     Parameters
     ----------
     recordings : sequence of Recording
         Recordings of n joints.
     side : {'', 'motor', 'link', 'current'}
-        Kind of the effort; empty where it is not known.
+        Kind of the effort, empty where it is not known.
     torque_constant : sequence of float, length n, optional
         Torque at the joint per unit of the effort [N·m/A, or 1 for a torque].
 
@@ -102,8 +109,10 @@ def convert_effort(
     converted = []
     for recording in recordings:
         if len(recording.joints) != n:
-            raise CtcError(f'{recording.name}: {len(recording.joints)} joints; '
-                           f'{recordings[0].name} has {n}')
+            raise RecordingError(
+                RecordingFault.JOINTS,
+                f'{recording.name}: {len(recording.joints)} joints; '
+                f'{recordings[0].name} has {n}')
         if recording.effort is not None:
             recording = dataclasses.replace(recording, effort=recording.effort * factor)
         converted.append(recording)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Mounting of the base: gravity in its frame, as the torque shows it.
+Mounting of the base, as the torque shows it.
 
 `identify` asks for it before the drives are timed. Where gravity along another direction explains
 the torque much better, the base is mounted that way.
@@ -28,7 +28,9 @@ import numpy as np
 
 def estimate_gravity(data: Observations, gravity: Array) -> Array:
     """
-    Return gravity in the frame of the base, shape (3,) [m/s²]: that of the model, or another one.
+    Return gravity in the frame of the base, shape (3,) [m/s²].
+
+    It is that of the model, if no other direction explains the torque much better.
 
     Parameters
     ----------
@@ -48,10 +50,10 @@ def estimate_gravity(data: Observations, gravity: Array) -> Array:
     # Across the plane of a planar arm gravity has no torque: there it stays as in the model.
     fitted += gravity - np.linalg.lstsq(columns, columns @ gravity, rcond=1e-6)[0]
     remaining = float(np.square(target - columns @ fitted).sum())
-    before = float(np.square(target - columns @ gravity).sum())
+    original = float(np.square(target - columns @ gravity).sum())
     size = float(np.linalg.norm(fitted))
     turned = np.asarray(strength * fitted / max(size, 1e-300), float)
-    is_better = remaining / max(before, 1e-300) < 0.5
+    is_better = remaining / max(original, 1e-300) < 0.5
     is_possible = 0.6 < size / strength < 1.6
     if is_better and is_possible and angle_between(gravity, turned) > 0.03:  # [rad]
         return turned
@@ -59,7 +61,7 @@ def estimate_gravity(data: Observations, gravity: Array) -> Array:
 
 
 def _gravity_equations(data: Observations, joint: int, gravity: Array) -> tuple[Array, Array]:
-    """Return columns of gravity and the torque without inertial torque, beside friction."""
+    """Return columns of gravity and the torque, beside friction and inertia."""
     windows, used = data.windows, data.used[:, joint]
     scale = 1.0 / float(data.deviation[joint])
     pull = windows.bodies[used, joint, -3:]
@@ -72,7 +74,7 @@ def _gravity_equations(data: Observations, joint: int, gravity: Array) -> tuple[
 
 
 def angle_between(a: Array, b: Array) -> float:
-    """Return the angle between two vectors, exact also for small ones [rad]."""
+    """Return the angle between two vectors [rad], exact for small ones."""
     a = a / np.linalg.norm(a)
     b = b / np.linalg.norm(b)
     return float(2.0 * np.arctan2(np.linalg.norm(a - b), np.linalg.norm(a + b)))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Perturbation P of a run: the torque that the controller's model lacks.
+Perturbation P of a run, which the controller's model lacks.
 
 P is friction, and errors of the model. The chattering term must hold it. `perturbation_bound.py`
 has the bound for other motions, and the results show P over the run.
@@ -37,7 +37,7 @@ _OUTLIER_BOUNDS = 3.0
 @dataclasses.dataclass(frozen=True)
 class MeasuredPerturbation:
     """
-    P over the windows of a run; J windows, n joints.
+    P over J windows of a run of n joints.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class MeasuredPerturbation:
 
     @property
     def residual(self) -> Array:
-        """P that is not predicted, shape (J, n) [N·m]; nan where nothing is."""
+        """P that is not predicted, shape (J, n) [N·m], or nan."""
         return self.measured - self.predicted
 
     @property
@@ -85,7 +85,7 @@ class MeasuredPerturbation:
         return np.asarray(np.maximum(sliding, at_rest))
 
     def outliers(self) -> Iterator[Finding]:
-        """Yield the joints of which windows were left out of the peak."""
+        """Yield the joints with outliers, which the peak excludes."""
         residual = np.abs(np.nan_to_num(self.residual))
         is_far = (residual > _OUTLIER_BOUNDS * self.tail) & ~self.trusted[:, None]
         for joint in np.flatnonzero(is_far.any(axis=0)).tolist():
@@ -95,7 +95,7 @@ class MeasuredPerturbation:
                 'count': np.count_nonzero(size), 'torque': size[k], 't': self.t[k]})
 
     def break_away(self) -> Iterator[Finding]:
-        """Yield the joints with more friction at rest, or breaking away, than sliding shows."""
+        """Yield the joints with more friction at rest than sliding shows."""
         at_rest = self.trusted[:, None] & ~np.isfinite(self.predicted)
         excess = np.abs(self.measured) - self.envelope
         for joint in range(len(self.tail)):
@@ -150,7 +150,7 @@ def measure_perturbation(identified: Identification, corrected: bool) -> Measure
 
 def tail_bound(sizes: Array) -> float:
     """
-    Return about the largest of these magnitudes, shape (N,), without single outliers.
+    Return about the largest magnitude of (N,), without single outliers.
 
     From the quantiles of 90 and 99 % on, the logarithm of the fraction beyond is taken as
     straight. This is right for exponential tails and too much for lighter ones.
@@ -176,7 +176,7 @@ def friction_at(
     friction : JointFriction
         Identified friction.
     velocity : ndarray, shape (S,)
-        Velocity of sliding [rad/s]; the sign of a zero is its direction.
+        Velocity of sliding [rad/s]. The sign of a zero is its direction.
     load : ndarray, shape (S,), or float
         Magnitude of the torque of the drive [N·m].
     halves : float
@@ -198,7 +198,7 @@ def largest_friction(
         velocity: Array,
         load: Array,
         halves: float) -> Array:
-    """Return the larger friction of both directions, shape (S, n) [N·m]; `friction_at`."""
+    """Return the larger friction of both directions, shape (S, n) [N·m]."""
     columns = []
     for friction, speed, torque in zip(identified.friction, velocity.T, load.T):
         forwards = friction_at(friction, np.copysign(speed, 1.0), torque, halves)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Bound of the perturbation P for motions within limits, which the gain ka must hold.
+Bound of the perturbation P, which the gain ka must hold.
 
 `gains.py` recommends ka from here. The bound is the largest of what the run shows and of what
 friction and errors of the model may reach at random states within the limits.
@@ -61,7 +61,7 @@ class MotionLimits(NamedTuple):
             identified: Identification,
             run: MeasuredPerturbation) -> MotionLimits:
         """
-        Return the limits of a model from its description, or of the run where it has none.
+        Return the limits of a description, or of the run.
 
         The acceleration is that of the recorded motion, played until the velocity is at its limit.
         It is 4 to 15 times the velocity.
@@ -97,12 +97,16 @@ def _draw_states(limits: MotionLimits, seed: int) -> Array:
 
 
 def _torques(model: Model, states: Array) -> Array:
-    """Return the torques of a model in states, shape (S, n) [N·m]."""
+    """Return the torques of a model, shape (S, n) [N·m]."""
     return np.array([model.inverse_dynamics(*state) for state in zip(*states.tolist())])
 
 
 def _slow_down(states: Array, model: Model, effort: Array) -> Array:
-    """Return the states, slowed down if need be, that efforts allow; all if they allow none."""
+    """
+    Return the states that efforts allow, slowed down if need be.
+
+    If efforts allow none, all are returned.
+    """
     for _ in range(8):
         load = np.abs(_torques(model, states)) / effort
         is_beyond = load.max(axis=1) > 1.0
@@ -112,7 +116,7 @@ def _slow_down(states: Array, model: Model, effort: Array) -> Array:
 
 
 def _largest_error(identified: Identification, states: Array, corrected: bool) -> Array:
-    """Return the largest torque of errors of the model, shape (n,) [N·m]."""
+    """Return the largest error of the model's torque, shape (n,) [N·m]."""
     bodies = identified.bodies
     if bodies is None:
         return np.zeros(states.shape[2])
@@ -203,7 +207,7 @@ def _find_weak_drives(peak: Array, ka: Array, effort: Array) -> Iterator[Finding
 
 
 def round_to_digits(value: float, digits: int, rounding: Callable[[float], float]) -> float:
-    """Return a value >= 0 with some digits, rounded by `np.ceil` or `np.floor`."""
+    """Return a value >= 0, rounded to digits by `np.ceil` or `np.floor`."""
     if value <= 0.0:
         return 0.0
     unit = 10.0 ** (floor(log10(value)) - digits + 1)

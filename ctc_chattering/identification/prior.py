@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Prior of the bodies: the URDF with its uncertainty, and the bounds of physical bodies.
+Prior of the bodies: the URDF with its uncertainty.
 
 The regression works with unknowns x of deviation 1 around the model. A body changes by S X Sᵀ,
 X symmetric with elements u x, where S Sᵀ is its pseudo-inertia (PI1) in the model and u the
@@ -57,7 +57,9 @@ _SYMMETRIC_UNITS = np.stack([symmetric(element) for element in np.eye(10)])
 @dataclasses.dataclass(frozen=True)
 class BodyPrior:
     """
-    Bodies, rotors and direction of gravity before any data; P parameters, k unknowns.
+    Bodies, rotors and gravity before any data.
+
+    There are P parameters and k unknowns.
 
     Attributes
     ----------
@@ -75,10 +77,13 @@ class BodyPrior:
     bounds: PhysicalBounds
 
     @classmethod
-    def of(cls, regressor: BodyRegressor | None, uncertainty: float,
-           rotors_show: bool = True) -> BodyPrior:
+    def of(
+            cls,
+            regressor: BodyRegressor | None,
+            uncertainty: float,
+            rotors_show: bool = True) -> BodyPrior:
         """
-        Return the prior of a model; nothing is unknown without a regressor.
+        Return the prior of a model. Without a regressor nothing is unknown.
 
         Parameters
         ----------
@@ -87,7 +92,7 @@ class BodyPrior:
         uncertainty : float
             Deviation of a body of the URDF, relative to the body.
         rotors_show : bool
-            Whether the torque accelerates the rotors; that of a sensor behind the gear does not.
+            Whether the torque accelerates the rotors. That of a sensor behind the gear does not.
 
         """
         if regressor is None:
@@ -142,19 +147,19 @@ def _rotor_deviations(model: LinearModel) -> Array:
 
 
 def assumed_rotors(regressor: BodyRegressor) -> Array:
-    """Return the rotor inertias that are expected where the URDF has none, shape (n,) [kg·m²]."""
+    """Return the rotor inertias that the URDF lacks, shape (n,) [kg·m²]."""
     described = regressor.parameters[regressor.inertial_count:-3]
     return np.where(described > 0.0, 0.0, ASSUMED_ROTOR * finite_efforts(regressor.model))
 
 
 def finite_efforts(model: Model | LinearModel) -> Array:
-    """Return the effort limits, shape (n,) [N·m]; 0 where there is none."""
+    """Return the effort limits, shape (n,) [N·m], 0 for none."""
     effort = np.array(getattr(model, 'effort_limits', None) or [np.inf] * model.n, float)
     return np.where(np.isfinite(effort), effort, 0.0)
 
 
 def _gravity_turns(gravity: Array) -> Array:
-    """Return the change of gravity by turns about two axes across it, shape (3, 2)."""
+    """Return the change of gravity by two turns across it, shape (3, 2)."""
     strength = float(np.linalg.norm(gravity))
     if not strength:
         return np.zeros((3, 0))
@@ -166,12 +171,14 @@ def _gravity_turns(gravity: Array) -> Array:
 @dataclasses.dataclass(frozen=True)
 class PhysicalBounds:
     """
-    Bounds of unknowns x: pseudo-inertias of bodies come first, others have a minimum.
+    Bounds of unknowns x.
+
+    Pseudo-inertias of bodies come first. Others have a minimum.
 
     Attributes
     ----------
     model : ndarray, shape (n, 4, 4)
-        Pseudo-inertias of the model in its own units; empty without bodies.
+        Pseudo-inertias of the model in its own units, empty without bodies.
     uncertainty : float
         Change of an element of a pseudo-inertia by an unknown.
     minimum : dict of int to float
@@ -195,7 +202,7 @@ class PhysicalBounds:
         return bool((eigenvalues[:, 0] >= MIN_EIGENVALUE + margin).all())
 
     def _bodies(self, x: Array) -> Array:
-        """Return the pseudo-inertias in units of the model's, shape (n, 4, 4)."""
+        """Return the pseudo-inertias, in the model's, shape (n, 4, 4)."""
         count = len(self.model)
         elements = x[:10 * count].reshape(count, 10)
         changes = np.reshape([symmetric(row) for row in elements], (count, 4, 4))
@@ -203,10 +210,11 @@ class PhysicalBounds:
 
     def nearest(self, x: Array, information: Array) -> Array:
         """
-        Return the physical unknowns y for which (y - x)ᵀ information (y - x) is least.
+        Return the nearest physical unknowns.
 
-        That is a convex problem. Newton's method solves it with a logarithmic barrier. Unknowns
-        that it keeps from their minimum by less than they are known are set to that.
+        They are the y for which (y - x)ᵀ information (y - x) is least, a convex problem. Newton's
+        method solves it with a logarithmic barrier. Unknowns that it keeps from their minimum by
+        less than they are known are set to that.
         """
         if self.allow(x):
             return x
@@ -233,7 +241,7 @@ class PhysicalBounds:
         return y
 
     def _minimize(self, y: Array, x: Array, information: Array) -> Array:
-        """Return the minimum of ½ (y - x)ᵀ information (y - x) and the barrier, from y on."""
+        """Return the minimum of ½ (y - x)ᵀ information (y - x) + barrier."""
         def cost(y: Array) -> float:
             return 0.5 * float((y - x) @ information @ (y - x)) + self._barrier(y)
 

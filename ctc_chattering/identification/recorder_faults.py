@@ -28,9 +28,12 @@ from collections.abc import Iterator
 import dataclasses
 from typing import NamedTuple
 
-from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.findings import Finding, Reason, Severity
-from ctc_chattering.identification.recording import Recording
+from ctc_chattering.identification.recording import (
+    Recording,
+    RecordingError,
+    RecordingFault,
+)
 from ctc_chattering.numerics.angles import TURN
 from ctc_chattering.numerics.linear_algebra import Flags
 import numpy as np
@@ -154,9 +157,10 @@ def _check_source(recording: Recording) -> None:
         return
     largest = np.where(is_jump, jump, 0.0).max(axis=0)
     joint = int(np.argmax(largest))
-    raise CtcError(
+    raise RecordingError(
+        RecordingFault.SOURCES,
         f'{recording.name}: {count} of {len(q)} states jump and come back, those of '
-        f'{recording.joints[joint]} by {largest[joint]:.3g} rad. A second source, as a '
+        f'{recording.joints[joint]} by {largest[joint]:.3g} rad. A second source, such as a '
         'joint_state_publisher, publishes joint states beside the robot. '
         "Stop it, or record the robot's own topic, and give --states")
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Torque of a model as a linear function of its parameters, under the integral of (WF1).
+Torque of a model as a linear function of its parameters.
 
 The parameters are the inertial ones of the model, the inertia of a rotor at each joint, and the
 vector of gravity. In (WF1) a parameter has the weak torque of its regressor: that of the momentum
@@ -37,7 +37,7 @@ import numpy as np
 @dataclasses.dataclass(frozen=True)
 class BodyRegressor:
     """
-    Derivative of a model's torque by its parameters; p inertial ones, n joints.
+    Derivative of a model's torque by its parameters.
 
     The parameters are in the order: p inertial ones, n rotor inertias [kg·m²], gravity [m/s²].
 
@@ -55,7 +55,7 @@ class BodyRegressor:
 
     @classmethod
     def of(cls, model: Model, gravity: Array | None = None) -> BodyRegressor | None:
-        """Return the regressor of a model; None if the model offers none that holds for it."""
+        """Return the regressor of a model, or None if it has none that holds."""
         if not isinstance(model, LinearModel):
             return None
         downwards = np.array([0.0, 0.0, -model.gravity])
@@ -71,7 +71,7 @@ class BodyRegressor:
 
     @property
     def inertial_count(self) -> int:
-        """Number p of inertial parameters."""
+        """Return the number p of inertial parameters."""
         return len(self.model.inertial_parameters())
 
     @property
@@ -81,7 +81,7 @@ class BodyRegressor:
         return np.concatenate((self.model.inertial_parameters(), rotors(self.model), downwards))
 
     def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return the derivative of the inverse dynamics in a state, shape (n, p + n + 3)."""
+        """Return the derivative of the torque, shape (n, p + n + 3)."""
         inertial = self.model.torque_regressor(q, dq, ddq, self.gravity)
         return np.concatenate((inertial, np.diag(ddq), self.model.gravity_map(q)), axis=1)
 
@@ -93,7 +93,7 @@ class BodyRegressor:
             phi: TestFunction,
             centres: Indices) -> Array:
         """
-        Return the derivative of the weak torque, shape (J, n, p + n + 3).
+        Return the derivative of the weak torque, (J, n, p + n + 3).
 
         Parameters
         ----------
@@ -131,7 +131,7 @@ class BodyRegressor:
         return self.model.torque_regressor(q, np.zeros_like(q), dq, np.zeros(3))
 
     def _remainder(self, q: Array, dq: Array) -> Array:
-        """Return the regressor of G - Cᵀ dq by (EC1), shape (n, p)."""
+        """Return the regressor of G - Cᵀ dq, (EC1), shape (n, p)."""
         step = 1e-4  # [s]
         change = self._momentum(q + step * dq, dq) - self._momentum(q - step * dq, dq)
         torque = self.model.torque_regressor(q, dq, np.zeros_like(q), self.gravity)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Sensors: step of the encoders, noise of the velocities, period of the stamps.
+Sensors: encoders, velocities and stamps.
 
 `identify` takes these numbers from recordings for the results, and for the sensors of trial runs.
 """
@@ -68,7 +68,7 @@ class Clock:
 
 def estimate_encoder_step(q: Array) -> Estimate:
     """
-    Return the step of an encoder from positions q, shape (N,) [rad].
+    Return the step of an encoder [rad] from positions, shape (N,).
 
     It is the least difference of two positions, improved by all small ones, if nearly all
     differences are multiples of it.
@@ -92,7 +92,7 @@ def estimate_encoder_step(q: Array) -> Estimate:
 
 class Positions(NamedTuple):
     """
-    Summary of recorded positions, which are large; n joints [rad].
+    Summary of recorded positions of n joints [rad].
 
     Attributes
     ----------
@@ -168,7 +168,7 @@ def estimate_velocity_noise(recording: Recording, period: float) -> VelocityNois
 
 class _VelocityComparison(NamedTuple):
     """
-    Measured velocity of a joint, as a factor of the change of its position.
+    Measured velocity, as a factor of the change of the position.
 
     Attributes
     ----------
@@ -188,7 +188,7 @@ class _VelocityComparison(NamedTuple):
 
 
 def _compare(q: Array, dq: Array, period: float, smoothing_noise: float) -> _VelocityComparison:
-    """Return the comparison of a velocity [rad/s] with a position [rad], shape (N,) each."""
+    """Return a velocity [rad/s] compared with a position [rad], each (N,)."""
     # The part along the acceleration is a lag. Joints that stop or jerk have more.
     columns = np.column_stack([smooth(q, period, order) for order in (1, 2)])
     acceleration = np.abs(columns[:, 1])
@@ -206,14 +206,14 @@ def _compare(q: Array, dq: Array, period: float, smoothing_noise: float) -> _Vel
 
 
 def _other_velocity_unit(joint: int, comparison: _VelocityComparison) -> Finding:
-    """Return the finding on a velocity that does not match its position."""
+    """Return the finding on a velocity of another unit."""
     return Finding(Reason.VELOCITY, Severity.REFUSED, joint, {
         'ratio': comparison.ratio, 'error': comparison.error,
         'low': 1.0 - _MAX_RATIO_ERROR, 'high': 1.0 + _MAX_RATIO_ERROR})
 
 
 def _estimate_noise(comparison: _VelocityComparison, smoothing_noise: float) -> Estimate:
-    """Return the noise of a velocity, beside that of the smoothed positions [rad/s]."""
+    """Return the noise of a velocity beyond that of smoothing [rad/s]."""
     spread = deviation(comparison.residual)
     step_deviation = deviation(np.diff(comparison.residual)) / np.sqrt(2.0)
     size = float(np.sqrt(max(spread ** 2 - smoothing_noise ** 2, 0.0)))

@@ -74,7 +74,7 @@ class Stretch:
     late: tuple[float, float] = (0.0, 0.0)
 
     def torque(self, source: str) -> Array | None:
-        """Return the torques of `COMMAND` or `EFFORT`, shape (N, n); None without them."""
+        """Return the torques of `COMMAND` or `EFFORT`, shape (N, n), or None."""
         return self.command if source == COMMAND else self.effort
 
     def cut(self, first: int, last: int) -> Stretch:
@@ -89,7 +89,7 @@ class Stretch:
 
     @property
     def t(self) -> Array:
-        """Times of the samples, shape (N,) [s]."""
+        """Return the times of the samples, shape (N,) [s]."""
         since = self.period * np.arange(len(self.q))
         return np.asarray(self.t0 + since, float)
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Timing of the torque: whole samples of delay, and lag and rate limit of each drive.
+Timing of the torque: delay, lag and rate limit of drives.
 
 `identify` calls `identify_timing` with all windows. Commands are searched by `drive_search.py`. A
 measured effort is that of the drive, so only its alignment with the samples is identified.
@@ -55,18 +55,18 @@ class Timing:
     source : str
         `COMMAND` or `EFFORT`, from which the torque was taken.
     delay : float
-        Samples; of an effort the alignment, at most 0.
+        Delay [samples]. An effort has its alignment, 0 or less.
     lag : ndarray, shape (n,)
-        T of each drive [s]; 0 where none shows.
+        T of each drive [s], 0 where none shows.
     delays : dict of int to ndarray, shape (3, n)
         The delays that the data allow, each with the lowest, the best and the highest lag of each
-        drive [s]; one delay if it is identified.
+        drive [s]. An identified delay is the only one.
     rate : ndarray, shape (3, n)
-        Lowest, best and highest rate limit of each drive [N·m/s]; inf where none shows.
+        Lowest, best and highest rate limit of each drive [N·m/s], inf where none shows.
     moving : ndarray of bool, shape (n,)
         Joints that have enough windows.
     commands : Timing or None
-        Timing of the commands, where the source is the effort; None without commands.
+        Timing of the commands, where the source is the effort and there are some.
 
     """
 
@@ -85,12 +85,16 @@ class Timing:
 
     @property
     def of_commands(self) -> Timing | None:
-        """Timing of the commands; None without commands."""
+        """Return the timing of the commands, or None."""
         return self if self.source == COMMAND else self.commands
 
     @property
     def drive(self) -> Drive:
-        """Drives from the command on; a delay of nan and no lag if they are not known."""
+        """
+        Drives from the command on.
+
+        If they are not known, the delay is nan and there is no lag.
+        """
         commands = self.of_commands
         return Drive.ideal(len(self.lag), nan) if commands is None else commands.acting
 
@@ -139,16 +143,21 @@ def _align_effort(profile: Profile) -> Timing:
         best = unfiltered
     n = profile.joint_count
     return Timing(
-        profile.source, alignments[best], np.zeros(n), {}, unlimited_rates(n), moving)
+        profile.source,
+        alignments[best],
+        np.zeros(n),
+        {},
+        unlimited_rates(n),
+        moving)
 
 
 def _mean_excess(squares: Array, moving: Flags) -> Array:
-    """Return the mean excess of each row over the least one, for the joints in motion."""
+    """Return the mean excess of each row over the least one."""
     if not moving.any():
         return np.zeros(len(squares))
     squares = squares[:, moving]
-    least = np.maximum(squares.min(axis=0), np.finfo(float).tiny)
-    return np.asarray((squares / least - 1.0).mean(axis=1))
+    lowest = np.maximum(squares.min(axis=0), np.finfo(float).tiny)
+    return np.asarray((squares / lowest - 1.0).mean(axis=1))
 
 
 # Commands.
@@ -157,7 +166,7 @@ def _middle_profile(
         stretches: Sequence[Stretch],
         windows: Sequence[Windows],
         phi: TestFunction) -> Profile:
-    """Return the profile of the middle of each stretch, together 70 s long at most."""
+    """Return the profile of the middle of all stretches, of 70 s or less."""
     period = stretches[0].period
     duration = period * sum(len(stretch.q) for stretch in stretches)
     fraction = min(70.0 / duration, 1.0)
@@ -198,18 +207,18 @@ def _search_drives(profile: Profile) -> Timing:
 
 
 class LateCommands(NamedTuple):
-    """Earliest and latest delay of commands beyond their rows in the recording [samples]."""
+    """Earliest and latest delay of commands beyond their rows [samples]."""
 
     earliest: float
     latest: float
 
     @property
     def is_uneven(self) -> bool:
-        """Whether commands stand in wrong rows here and there, which changes their shape."""
+        """Return whether some commands stand in wrong rows, which changes their shape."""
         return self.latest - self.earliest > 0.03
 
     def widen(self, delays: dict[int, Array], period: float, moving: Flags) -> dict[int, Array]:
-        """Return the delays and lags that are possible if commands may be later."""
+        """Return the delays and lags of commands that may be later."""
         if not self.is_uneven:
             return delays
         margin = (self.latest - self.earliest) * period * moving
@@ -244,7 +253,9 @@ def estimate_rate_limits(timing: Timing) -> list[Estimate]:
             estimate = Estimate(0.5 * (low + high), 0.5 * (high - low), 'N*m/s')
         elif is_lag_known[joint] and commands.moving[joint] and low > 0.0:
             estimate = Estimate(
-                None, unit='N*m/s', at_least=low,
+                None,
+                unit='N*m/s',
+                at_least=low,
                 gap=Gap.FOLLOWS_COMMANDS)
         estimates.append(estimate)
     return estimates
@@ -271,7 +282,7 @@ def find_timing_doubts(timing: Timing) -> Iterator[Finding]:
 
 
 def describe_drives(timing: Timing) -> str:
-    """Return each delay that is possible with the lags of all drives."""
+    """Return each possible delay with the lags of all drives."""
     words = []
     for delay, lags in sorted(timing.delays.items()):
         low = lags[0, timing.moving].min(initial=np.inf)
@@ -285,7 +296,7 @@ def _in_milliseconds(low: float, high: float) -> str:
 
 
 def describe_lag(timing: Timing, joint: int) -> str:
-    """Return the lag of a joint's drive at the most likely delay; `-` if it is not known."""
+    """Return the lag of a joint's drive in words, or `-`."""
     commands = timing.of_commands
     if commands is None or not commands.delays or not commands.moving[joint]:
         return '-'

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Torque at a joint per unit of the recorded signal, where the user gives no constant.
+Torque constants of joints for which the user gives none.
 
 For currents the constant is that with which they carry the model. Motions with and without a known
 payload show constants apart from masses.
@@ -90,7 +90,10 @@ def estimate_current_constants(
         constant[joint] = size * (fit_beside_any_gravity(data, joint).factors[0].sign or 1.0)
         errors[joint] = 0.5 * size  # It is a guess.
         findings.append(Finding(
-            Reason.OTHERS_CONSTANT, Severity.CARE, joint, {'constant': constant[joint]}))
+            Reason.OTHERS_CONSTANT,
+            Severity.CARE,
+            joint,
+            {'constant': constant[joint]}))
     estimates = [
         Estimate(value, 2.0 * error) if np.isfinite(error) else
         Estimate.unknown(Gap.NOT_SHOWN)
@@ -99,14 +102,14 @@ def estimate_current_constants(
 
 
 def _fit_model_factor(data: Observations, joint: int, model_torque: Array) -> Factor:
-    """Return the factor of a torque of the model, shape (J, n) [N·m], in that of a joint."""
+    """Return the factor of a model's torque, shape (J, n) [N·m]."""
     used = data.used[:, joint]
     columns = np.column_stack((model_torque[used, joint], friction_columns(data, joint, used)))
     return Factors.fit(columns, data.torque[used, joint]).factors[0]
 
 
 class ScaledTorque(NamedTuple):
-    """Windows with the torque at the joints, and that torque per unit of the signal."""
+    """Windows with the torque at the joints, and its constants."""
 
     data: Observations
     constant: list[Estimate]
@@ -114,7 +117,7 @@ class ScaledTorque(NamedTuple):
 
 def scale_by_payload(data: Observations, prior: BodyPrior) -> ScaledTorque:
     """
-    Return windows with the torque that a known payload shows to be at the joints.
+    Return windows with the torque that a known payload shows.
 
     The payload is in the torque of the model, and the bodies are the same in all motions.
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Torque of one joint as a sum of weight, inertial torque and friction, each with a factor.
+Torque of a joint as weight, inertial torque and friction, each with a factor.
 
 `conventions.py` and `torque_constants.py` judge units and signs by these factors. A factor of the
 weight far from 1 means another unit. Friction or inertia below 0 means the other sign.
@@ -28,7 +28,7 @@ import numpy as np
 
 
 class Factor(NamedTuple):
-    """Factor of a column of the torque, with its standard error; inf where none shows."""
+    """Factor of a column of the torque, with its standard error or inf."""
 
     value: float
     error: float
@@ -37,6 +37,11 @@ class Factor(NamedTuple):
     def sign(self) -> float:
         """Sign of the factor; 0 within three standard errors of 0."""
         return float(np.sign(self.value)) if abs(self.value) > 3.0 * self.error else 0.0
+
+    @property
+    def is_known(self) -> bool:
+        """Return whether the factor is known to 15 %."""
+        return self.error < 0.15 * max(abs(self.value), 0.5)
 
 
 class Factors(NamedTuple):
@@ -74,33 +79,11 @@ class Factors(NamedTuple):
         return cls(tuple(factors), unexplained)
 
 
-class TorqueShape(NamedTuple):
+def fit_model(data: Observations, joint: int, signal: int | None = None) -> Factors:
     """
-    Torque of one joint by what explains it.
+    Return factors of a torque, those of weight and inertial torque first.
 
-    Attributes
-    ----------
-    weight : Factor
-        Factor of the model's weight.
-    unexplained : float
-        Fraction of the torque's variance that remains.
-
-    """
-
-    weight: Factor
-    unexplained: float
-
-    @property
-    def shows_weight(self) -> bool:
-        """Whether the factor of the weight is known to 15 %."""
-        return self.weight.error < 0.15 * max(abs(self.weight.value), 0.5)
-
-
-def fit_shape(data: Observations, joint: int, signal: int | None = None) -> TorqueShape:
-    """
-    Return the shape of the torque of a joint.
-
-    With `signal`, it is the shape of another joint's torque over the motion of this one.
+    With `signal`, it is the torque of another joint, over the motion of this one.
     """
     used = data.used[:, joint]
     if signal is None:
@@ -112,15 +95,19 @@ def fit_shape(data: Observations, joint: int, signal: int | None = None) -> Torq
     inertial = data.windows.model_torque[used, joint] - weight
     columns = np.column_stack((weight, inertial, friction_columns(data, joint, used)))
     fitted = Factors.fit(columns, torque)
-    factor = fitted.factors[0]
     # Weight below 2 % of the torque shows no factor.
-    if np.std(weight) <= 0.02 * max(float(np.std(torque)), 1e-300):
-        factor = factor._replace(error=np.inf)
-    return TorqueShape(factor, fitted.unexplained)
+    if np.std(weight) > 0.02 * max(float(np.std(torque)), 1e-300):
+        return fitted
+    weight_factor, *further = fitted.factors
+    return fitted._replace(factors=(weight_factor._replace(error=np.inf), *further))
 
 
 def fit_beside_any_gravity(data: Observations, joint: int) -> Factors:
-    """Return factors of direction and inertial torque first, beside weight along any direction."""
+    """
+    Return factors of a torque beside weight along any direction.
+
+    The first two are those of the direction and of the inertial torque.
+    """
     windows, used = data.windows, data.used[:, joint]
     weight = windows.weight[used, joint]
     inertial = windows.model_torque[used, joint] - weight
@@ -131,7 +118,7 @@ def fit_beside_any_gravity(data: Observations, joint: int) -> Factors:
 
 
 def friction_columns(data: Observations, joint: int, used: Flags) -> Array:
-    """Return direction, velocity and a constant in some windows, shape (rows, 3)."""
+    """Return direction, velocity and a constant, shape (rows, 3)."""
     windows = data.windows
     return np.column_stack((
         windows.direction[used, joint], windows.velocity[used, joint], np.ones(int(used.sum()))))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Equations of motion under an integral, so that no velocity is differentiated.
+Equations of motion under an integral, without derivatives of velocities.
 
 With a test function φ that is 0, with its first three derivatives, outside a window of time, the
 equation of motion `d(M dq)/dt - Cᵀ dq + G + F = tau` becomes, after integration by parts,
@@ -20,7 +20,7 @@ equation of motion `d(M dq)/dt - Cᵀ dq + G + F = tau` becomes, after integrati
     ∫ φ tau dt = -∫ φ' M dq dt + ∫ φ (G - Cᵀ dq) dt + ∫ φ F dt.                           (WF1)
 
 `dM/dt = C + Cᵀ` was used. The momentum M dq takes the place of accelerations (modulating
-functions: Shinbrot 1957, Preisig and Rippin 1993; filtered regressors of the momentum: Hsu,
+functions: Shinbrot 1957, Preisig and Rippin 1993, and filtered regressors of the momentum: Hsu,
 Bodson, Sastry and Paden 1987). φ = 315/256 (1 - s²)⁴, s from -1 to 1, is a low-pass filter without
 delay. `windows.py` and `regressor.py` compute the terms of (WF1) with it.
 """
@@ -63,7 +63,7 @@ class TestFunction:
     values, slope : ndarray, shape (2 half + 1,)
         h φ and h φ' at the samples [1, 1/s].
     over : ndarray, shape (2 half + 1,)
-        ∫ φ dt from each sample to the next one; 0 for the last.
+        ∫ φ dt from each sample to the next one, 0 for the last.
 
     """
 
@@ -85,11 +85,11 @@ class TestFunction:
         self.over = np.append(np.diff(primitive), 0.0)
 
     def centres(self, count: int, margin: int) -> Indices:
-        """Return the centres of windows over `count` samples, without `margin` at both ends."""
+        """Return the centres of windows, without a margin at both ends."""
         return np.arange(self.half + margin, count - self.half - margin, self.step)
 
     def weights(self, offset: Indices, step: int) -> tuple[Array, Array]:
-        """Return φ and φ' times a step of so many samples, at samples off the centre."""
+        """Return φ and φ' at samples off the centre, times a step [samples]."""
         s = np.clip(offset / self.half, -1.0, 1.0)
         scale = step * 315.0 / 256.0 / self.half
         values = scale * (1.0 - s * s) ** 4
@@ -97,7 +97,7 @@ class TestFunction:
         return values, slope
 
     def sums(self, x: Array, weights: Array, centres: Indices) -> Array:
-        """Return Σ weights x around each centre, shape (J, ...), of x, shape (N, ...)."""
+        """Return Σ weights x around centres, shape (J, ...), x of (N, ...)."""
         windows = sliding_window_view(x, 2 * self.half + 1, axis=0)
         return np.concatenate([
             windows[block - self.half] @ weights for block in self.blocks(centres)])
@@ -110,13 +110,13 @@ class TestFunction:
 # Smooth positions and velocities, with their noise.
 
 def smoothing_half(period: float) -> int:
-    """Return how many samples on each side a velocity comes from: 12 ms, 3 samples or more."""
+    """Return the samples on each side of a smoothed one: 12 ms, or three."""
     return max(3, round(0.012 / period))
 
 
 def smooth(q: Array, period: float, order: int = 0) -> Array:
     """
-    Return a derivative of some order of positions by local cubics, shape (N, ...).
+    Return a derivative of positions by local cubics, shape (N, ...).
 
     This is the filter of Savitzky and Golay, without delay. SciPy's needs 25 MB more memory.
     """
@@ -124,14 +124,18 @@ def smooth(q: Array, period: float, order: int = 0) -> Array:
     derivative: Array = correlate1d(q, _local_weights(period, order), axis=0)
     for k in range(m):
         derivative[k] = np.tensordot(
-            _local_weights(period, order, k - m), q[:2 * m + 1], 1)
+            _local_weights(period, order, k - m),
+            q[:2 * m + 1],
+            1)
         derivative[k - m] = np.tensordot(
-            _local_weights(period, order, k + 1), q[-2 * m - 1:], 1)
+            _local_weights(period, order, k + 1),
+            q[-2 * m - 1:],
+            1)
     return derivative
 
 
 def _local_weights(period: float, order: int, offset: int = 0) -> Array:
-    """Return the weights of a derivative `offset` samples off the middle, shape (2 m + 1,)."""
+    """Return the weights of a derivative off the middle, shape (2 m + 1,)."""
     m = smoothing_half(period)
     powers = np.arange(_LOCAL_ORDER + 1)
     samples = np.arange(-m, m + 1.0)
@@ -141,7 +145,7 @@ def _local_weights(period: float, order: int, offset: int = 0) -> Array:
 
 
 def position_noise(q: Array, period: float) -> Array:
-    """Return the deviation of the positions from local cubics, shape (n,) [rad]."""
+    """Return the deviation from local cubics, shape (n,) [rad]."""
     m = smoothing_half(period)
     hat = _local_weights(period, 0)
     # Joint by joint, for long series. Robust: where a joint stops, no cubic fits.
@@ -150,12 +154,12 @@ def position_noise(q: Array, period: float) -> Array:
 
 
 def velocity_deviation(period: float) -> float:
-    """Return the deviation of a smoothed velocity per deviation of white position noise [1/s]."""
+    """Return the noise of a smoothed velocity per noise of positions [1/s]."""
     return float(np.linalg.norm(_local_weights(period, 1)))
 
 
 def deviation(x: Array) -> float:
-    """Return the deviation of a series, shape (N,), by its median, which outliers move little."""
+    """Return the deviation of a series, shape (N,), robust to outliers."""
     # A normal variable of deviation 1 has this median magnitude.
     return float(np.median(np.abs(x - np.median(x)))) / 0.6744897501960817
 
@@ -163,7 +167,7 @@ def deviation(x: Array) -> float:
 @dataclasses.dataclass(frozen=True)
 class Dynamics:
     """
-    Terms of a model along a stretch, on a coarse grid; K of its samples.
+    Terms of a model at K samples of a stretch.
 
     Attributes
     ----------
@@ -187,7 +191,7 @@ class Dynamics:
 
     @classmethod
     def along(cls, q: Array, dq: Array, period: float, model: Model) -> Dynamics:
-        """Evaluate a model along a motion, each of q and dq of shape (N, n)."""
+        """Evaluate a model along a motion q, dq, each (N, n)."""
         last = len(q) - 1
         step = max(1, int(0.004 / period))  # 4 ms at most.
         index = np.append(np.arange(0, last, step), last)
@@ -213,12 +217,12 @@ class Dynamics:
 
     def weak(self, velocity: Array, phi: TestFunction, centres: Indices) -> Array:
         """
-        Return the torque of the model in (WF1), without friction, shape (J, n) [N·m].
+        Return the torque of the model in (WF1), shape (J, n) [N·m].
 
         Parameters
         ----------
         velocity : ndarray, shape (N, n)
-            Velocity at the samples [rad/s]; it may be noisy.
+            Velocity at the samples [rad/s], which may be noisy.
         phi : TestFunction
             φ.
         centres : ndarray, shape (J,)

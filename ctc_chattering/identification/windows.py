@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Windows of the regression: the terms of (WF1) around each of many instants.
+Windows of the regression, with the terms of (WF1).
 
 Each window is a row of the regression for every joint. Its friction is the mean of the direction
 of motion, so a window may contain a reversal. A window in which a joint rests tells little of that
@@ -45,7 +45,9 @@ from scipy.interpolate import make_interp_spline  # type: ignore[import-untyped]
 STRIBECK_VELOCITIES = tuple(0.005 * 10.0 ** (k / 8.0) for k in range(17))
 #: Weights of these columns for a velocity between them, by its index.
 _STRIBECK_WEIGHTS = make_interp_spline(
-    np.arange(len(STRIBECK_VELOCITIES)), np.eye(len(STRIBECK_VELOCITIES)), 3)
+    np.arange(len(STRIBECK_VELOCITIES)),
+    np.eye(len(STRIBECK_VELOCITIES)),
+    3)
 #: Time before the first window, in which drives reach what was commanded before [s].
 SETTLING_S = 0.1
 
@@ -53,8 +55,9 @@ SETTLING_S = 0.1
 @dataclasses.dataclass(frozen=True)
 class Windows:
     """
-    Terms of (WF1) in J windows of n joints; P parameters of the bodies, S Stribeck velocities.
+    Terms of (WF1) in J windows of n joints.
 
+    The bodies have P parameters, and there are S Stribeck velocities.
     All are means over a window, weighted by φ.
 
     Attributes
@@ -68,13 +71,13 @@ class Windows:
     weight : ndarray, shape (J, n)
         The part of it that is weight [N·m].
     bodies : ndarray, shape (J, n, P)
-        Derivative of `model_torque` by the parameters; P = 0 for a model without a regressor.
+        Derivative of `model_torque` by the parameters, P = 0 for a model without a regressor.
     direction : ndarray, shape (J, n)
         Sign of the velocity, 0 while a joint rests.
     resting : ndarray, shape (J, n)
         Share of the window in which a joint rests.
     velocity, acceleration : ndarray, shape (J, n)
-        [rad/s, rad/s²]; the acceleration by parts.
+        [rad/s, rad/s²]. The acceleration is integrated by parts.
     stribeck : ndarray, shape (J, n, S)
         sgn(dq) exp(-(dq / v)²) for each of `STRIBECK_VELOCITIES`.
     load : ndarray, shape (J, n)
@@ -125,7 +128,7 @@ class Windows:
         return cls(**columns)
 
     def stribeck_column(self, joint: int, index: float) -> Array:
-        """Return the column of a velocity of Stribeck friction, also between two, shape (J,)."""
+        """Return a column of Stribeck friction, also between two, shape (J,)."""
         return np.asarray(self.stribeck[:, joint] @ _STRIBECK_WEIGHTS(index))
 
     def select(self, is_chosen: Flags, first_sample: int = 0) -> Windows:
@@ -136,7 +139,7 @@ class Windows:
         return Windows(**columns)
 
     def with_gravity(self, change: Array) -> Windows:
-        """Return the windows of a model with a change of gravity, shape (3,) [m/s²]."""
+        """Return the windows with a change of gravity, shape (3,) [m/s²]."""
         added = self.bodies[:, :, -3:] @ change
         torque = self.model_torque + added
         return dataclasses.replace(
@@ -176,7 +179,7 @@ def _terms(
         regressor: BodyRegressor | None,
         centres: Indices,
         threshold: Array) -> dict[str, Array]:
-    """Return the fields of `Windows` around some centres that follow each other."""
+    """Return the fields of `Windows` around successive centres."""
     first = int(centres[0]) - phi.half
     last = int(centres[-1]) + phi.half + 1
     # A smoothed sample depends on these around it.

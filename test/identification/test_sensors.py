@@ -94,7 +94,7 @@ def test_a_velocity_that_does_not_match_its_position_is_refused(factor: float) -
     assert finding.values['ratio'] == pytest.approx(factor, rel=0.01)
 
 
-def test_positions_are_summed_up() -> None:
+def test_the_summary_of_positions() -> None:
     q = np.sin(T)[:, None] + np.random.default_rng(1).normal(0.0, 1e-4, (len(T), 1))
     found = Positions.of([Recording('r', ('a',), T, q)], H)
     assert found.ends[:, 0] == pytest.approx([-1.0, 1.0], abs=0.02)

@@ -79,7 +79,7 @@ def delayed(torque: Array, delay: int) -> Array:
 
 @pytest.mark.parametrize('robots, most', [
     (range(6), 1), pytest.param(range(30), 2, marks=pytest.mark.slow)])
-def test_sets_contain_the_truth(robots: range, most: int) -> None:
+def test_possible_delays_and_lags_contain_the_true_ones(robots: range, most: int) -> None:
     """Of 30 robots, at most two may have a lag outside, and none a delay that is wrong."""
     outside = 0
     for seed in robots:
@@ -94,7 +94,7 @@ def test_sets_contain_the_truth(robots: range, most: int) -> None:
     assert outside <= most
 
 
-def test_where_two_fit_both_are_in_the_set() -> None:
+def test_slow_commands_leave_several_delays_possible() -> None:
     """Slow commands show the sum of delay and lag, not each."""
     command = commands(1, 0.0, 0.5)
     found = searched(command, delayed(driven_torque(command, 2e-3, np.inf), 1), 0.03, 1)
@@ -126,7 +126,7 @@ def test_a_rate_limit_that_never_bites_has_a_lower_bound() -> None:
     assert np.isinf(best) and np.isinf(high)
 
 
-def test_commands_that_may_be_late_widen_the_set() -> None:
+def test_late_commands_allow_more_delays_and_lags() -> None:
     """By the samples by which they may be later than the recording has them."""
     command = commands(2, 3.0)
     torque = delayed(driven_torque(command, 2e-3, np.inf), 2)
@@ -165,7 +165,7 @@ def aligned(late: float, noise: float) -> float:
     return identify_timing([part], [rows], EFFORT, PHI).delay
 
 
-def test_an_effort_is_late_by_a_filter_only_if_that_shows() -> None:
+def test_a_filtered_effort_is_aligned_only_if_its_lag_shows() -> None:
     """In noise that hides 8 ms it is that of its sample; a smaller noise shows them."""
     assert aligned(8.0, 0.01) == pytest.approx(-8.5, abs=1.0)
     assert aligned(8.0, 30.0) >= -1.0
@@ -186,7 +186,7 @@ def ms(*rows: tuple[float, float]) -> np.ndarray:
     return 1e-3 * np.array(rows)
 
 
-def test_a_set_in_words() -> None:
+def test_possible_delays_and_lags_in_words() -> None:
     found = made({1: ms((3.1, 3.1), (3.5, 3.5), (4.4, 4.4)),
                   2: ms((0.0, 0.1), (0.0, 0.2), (0.5, 0.6))})
     assert describe_drives(found) == (
@@ -197,7 +197,7 @@ def test_a_set_in_words() -> None:
     assert describe_lag(made({0: ms((0, 0), (0, 0), (0.1, 0.1))}), 1) == 'none, at most 0.1 ms'
 
 
-def test_a_lag_at_the_end_needs_care_and_has_its_cause() -> None:
+def test_the_longest_lag_and_a_slow_drive_need_care() -> None:
     end = 1e3 * LAGS[-1]
     (one, other) = find_timing_doubts(made({0: ms((30.0, 0.0), (38.0, 0.0), (end, end))}))
     assert [(x.reason, x.severity, x.joint) for x in (one, other)] == [

@@ -15,15 +15,15 @@
 
 from __future__ import annotations
 
-from ctc_chattering.identification.torque_shape import fit_shape
+from ctc_chattering.identification.torque_shape import fit_model
 from panda_torques import scaled_torque
 import pytest
 
 
-def test_the_shape_of_a_torque() -> None:
+def test_a_weight_shows_unless_the_axis_is_vertical() -> None:
     """The first axis is vertical: its torque tells nothing of weight."""
-    assert not fit_shape(scaled_torque(), 0).shows_weight
+    assert not fit_model(scaled_torque(), 0).factors[0].is_known
     for joint in (1, 3):
-        factor = fit_shape(scaled_torque(1.3), joint).weight
+        factor = fit_model(scaled_torque(1.3), joint).factors[0]
         assert factor.value == pytest.approx(1.3, abs=3.0 * factor.error)
         assert factor.sign == 1.0
