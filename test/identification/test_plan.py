@@ -321,8 +321,7 @@ def test_a_motion_for_one_joint_moves_the_others_little(tmp_path: Path) -> None:
             'no joint is called panda_joint8', 'panda_joint7?')
 
 
-def test_the_motion_of_the_reference_may_exceed_the_limits(tmp_path: Path
-                                                                             ) -> None:
+def test_the_motion_of_the_reference_may_exceed_the_limits(tmp_path: Path) -> None:
     text = (ROOT / 'config' / 'panda.yaml').read_text()
     file = tmp_path / 'fast.yaml'
     file.write_text(re.sub(r'frequency: \[.*\]', f'frequency: [{", ".join(7 * ["9.0"])}]', text))

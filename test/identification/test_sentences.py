@@ -83,7 +83,7 @@ def test_the_next_step_depends_on_the_verdicts() -> None:
 def test_a_trial_names_the_robot_on_which_gains_fail() -> None:
     start = 'The gains with p = 50 rad/s '
     assert trial_text(Trial(50.0, 6)) == f'{start}survive on all of 6 simulated robots.'
-    end = (". This robot has delay 1, lag 0.003 s, friction at the lower end of its interval, and "
+    end = ('. This robot has delay 1, lag 0.003 s, friction at the lower end of its interval, and '
            "the model is 1.05 of the robot's.")
     for failed, cause in (
             (FailedDraw(2, DRAW, 'it diverged'), 'it diverged'),
