@@ -49,7 +49,7 @@ class NamedFigure(NamedTuple):
 def torque_figure(identified: Identification, verdicts: Sequence[Verdict]) -> NamedFigure:
     """Return the torque over time, recorded and predicted."""
     prediction = identified.prediction
-    figure, grid = sheet('Torque of time that was not fitted', len(verdicts), (1.0,), 1.6)
+    figure, grid = sheet('Torque of held-out time', len(verdicts), (1.0,), 1.6)
     for joint, verdict in enumerate(verdicts):
         axes = panel(figure, grid[joint, 0], f'{verdict.joint}: {verdict.word}', 'torque [N·m]')
         for values, colour, label in (
@@ -70,8 +70,7 @@ def torque_figure(identified: Identification, verdicts: Sequence[Verdict]) -> Na
     return NamedFigure(
         'torque',
         figure,
-        'Each block of time is predicted by what was identified '
-        'from the others. Gaps: the joint rests.',
+        'The other blocks of time predict the torque of each block. The joint rests in gaps.',
     )
 
 
@@ -114,7 +113,6 @@ def friction_figure(identified: Identification, verdicts: Sequence[Verdict]) -> 
     return NamedFigure(
         'friction',
         figure,
-        'Dots: recorded torque less that of the identified '
-        'bodies, in windows of time. Line: friction with its interval of 95 %; a '
-        'joint that is not usable has none.',
+        'Dots are the recorded torque without that of the identified bodies, in windows of time. '
+        'The line is the friction with its interval of 95 %. A joint that is not usable has none.',
     )

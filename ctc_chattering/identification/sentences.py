@@ -220,11 +220,11 @@ def next_step(verdicts: Sequence[Verdict]) -> str:
         names = [x.joint for x in verdicts if x.severity == severity]
         if names:
             joints = 'all joints' if len(names) == len(verdicts) else ', '.join(names)
-            groups.append(f'{severity.label}: {joints}')
+            groups.append(f'{severity.label.capitalize()}: {joints}.')
     step = 'run with identified.yaml'
     if not all(x.usable for x in verdicts):
         step = 'resolve the findings below'
-    sentences = [f'{"; ".join(groups)}.', f'Next: {step}.']
+    sentences = [*groups, f'Next: {step}.']
     moving = ','.join(x.joint for x in verdicts if x.needs_motion)
     if moving:
         sentences.append(

@@ -74,9 +74,9 @@ def test_a_verdict_has_the_sentences_of_its_worst_findings() -> None:
 def test_the_next_step_depends_on_the_verdicts() -> None:
     good = Verdict('a', Severity.NOTE, ())
     still = Verdict('b', Severity.REFUSED, (Finding(Reason.NOT_EXCITED, Severity.REFUSED, 1),))
-    assert next_step([good]) == 'usable: all joints. Next: run with identified.yaml.'
+    assert next_step([good]) == 'Usable: all joints. Next: run with identified.yaml.'
     assert next_step([good, still]) == (
-        'usable: a; not usable: b. Next: resolve the findings below. `ctc excite --for b` makes a '
+        'Usable: a. Not usable: b. Next: resolve the findings below. `ctc excite --for b` makes a '
         'motion that shows more of these joints.')
 
 
