@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 from ctc_chattering.analysis import page
 from ctc_chattering.analysis.markup import fragment
 from ctc_chattering.analysis.page import FigureFile
-from ctc_chattering.analysis.tables import fitted, paragraph, shown, Table
+from ctc_chattering.analysis.tables import fitted, paragraph, Table
 from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Severity
 from ctc_chattering.identification.friction import NUMBERS
 from ctc_chattering.identification.gains import Recommendation
@@ -45,6 +45,7 @@ from ctc_chattering.identification.sentences import (
 )
 from ctc_chattering.identification.timing import describe_lag
 from ctc_chattering.identification.verdict import Verdict, verdicts
+from ctc_chattering.number_format import format_value
 
 #: Cell of a missing number. The verdict, or the JSON file, says why it is missing.
 NO_NUMBER = '-'
@@ -236,7 +237,7 @@ class IdentificationResults:
         yield (
             'Gains',
             [
-                f'{name} = {shown(self._usable(self.recommended.values[name]))}: {reason}'
+                f'{name} = {_show(self._usable(self.recommended.values[name]))}: {reason}'
                 for name, reason in self._gain_reasons().items()
             ],
         )
@@ -311,6 +312,11 @@ class IdentificationResults:
             },
             'trial_runs': list(map(trial_text, self.recommended.trials)),
         }
+
+
+def _show(value: Any) -> str:
+    """Return the value of a parameter in words, several in brackets."""
+    return f'[{format_value(value)}]' if isinstance(value, list) else format_value(value)
 
 
 def _cells(columns: Sequence[Numbers]) -> dict[str, list[str]]:

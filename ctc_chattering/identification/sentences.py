@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.control.recommended_gains import BANDWIDTH_LAG, MAX_POLE_LATENESS
 from ctc_chattering.identification.findings import Finding, Reason, Severity
-from ctc_chattering.identification.gains import GAIN_LIMITS, GainBasis, Recommendation, Trial
+from ctc_chattering.identification.gains import GAIN_LIMITS, GainBasis, Recommendation, GainTrial
 from ctc_chattering.identification.perturbation_bound import MARGIN
 from ctc_chattering.identification.verdict import Verdict
 from ctc_chattering.numerics.linear_algebra import Array
@@ -195,7 +195,7 @@ def words_of(finding: Finding, joint: str) -> Words:
 
 def _spell(value: Any) -> Any:
     """Return several values, or a trial, as words."""
-    if isinstance(value, Trial):
+    if isinstance(value, GainTrial):
         return trial_text(value)
     if isinstance(value, Mapping):
         return ', '.join(f'{name} {x}' for name, x in value.items())
@@ -276,7 +276,7 @@ def _ka_reason(basis: GainBasis, usable: Sequence[bool]) -> str:
         f'|P| is at most {listed(run.peak)} N*m.')
 
 
-def trial_text(trial: Trial) -> str:
+def trial_text(trial: GainTrial) -> str:
     """Return the result of trial runs with one pole."""
     gains = f'The gains with p = {trial.pole:g} rad/s'
     failed = trial.failed

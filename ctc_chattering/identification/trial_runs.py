@@ -25,15 +25,15 @@ from collections.abc import Iterator, Mapping, Sequence
 import dataclasses
 from typing import Any
 
-from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.findings import Finding, Reason, Severity
 from ctc_chattering.identification.friction import JointFriction
-from ctc_chattering.identification.gains import Draw, FailedDraw, pole_of, Recommendation, Trial
+from ctc_chattering.identification.gains import Draw, FailedDraw, pole_of, Recommendation, GainTrial
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import MeasuredPerturbation
+from ctc_chattering.number_format import round_number
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.runs.score import Score, score
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -172,7 +172,7 @@ def _plant(identified: Identification) -> dict[str, Any]:
         'input_delay': int(drive.delay) if np.isfinite(drive.delay) else 0,
         'actuator_lag': _rounded(drive.lag),
         'torque_rate_limit': [
-            np.inf if x.value is None else rounded(x.value, 6) for x in identified.rate
+            np.inf if x.value is None else round_number(x.value, 6) for x in identified.rate
         ],
         **_sensors(identified),
     }
@@ -220,7 +220,7 @@ def _reference(identified: Identification, model: Model) -> dict[str, Any]:
 
 def _rounded(values: npt.ArrayLike, digits: int = 6) -> list[float]:
     """Return values to some digits."""
-    return [rounded(x, digits) for x in np.asarray(values, float).tolist()]
+    return [round_number(x, digits) for x in np.asarray(values, float).tolist()]
 
 
 def trial_runs(
@@ -251,7 +251,7 @@ def trial_runs(
     allowed = [
         _allowed_error(plain, score(plain.changed(draw.values), WHOLE_TRIAL)) for draw in draws
     ]
-    trials: list[Trial] = []
+    trials: list[GainTrial] = []
     for option, setup in zip(recommended.options, tried):
         failures = (
             _find_failure(
@@ -263,7 +263,7 @@ def trial_runs(
             )
             for number, (draw, errors) in enumerate(zip(draws, allowed), 1)
         )
-        trials.append(Trial(pole_of(option), count, next(filter(None, failures), None)))
+        trials.append(GainTrial(pole_of(option), count, next(filter(None, failures), None)))
         if trials[-1].failed is None:
             return dataclasses.replace(recommended, values=option, trials=tuple(trials))
     refusal = Finding(Reason.NO_GAINS, Severity.REFUSED, values={'trial': trials[-1]})

@@ -16,6 +16,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import dataclasses
 
 from ctc_chattering.identification import selection
 from ctc_chattering.identification.friction_terms import TermKind
@@ -117,5 +118,6 @@ def test_a_dead_band_that_has_the_sign_of_the_motion_is_not_told_from_friction(
     solution = select(data, NO_BODIES, True).best
     assert not added(solution)
     assert coefficient(solution, TermKind.COULOMB) == pytest.approx(COULOMB, rel=0.02)
-    monkeypatch.setattr(selection, 'MOST_ALIKE', 1.1)
+    limits = dataclasses.replace(selection.SELECTION, max_alike=1.1)
+    monkeypatch.setattr(selection, 'SELECTION', limits)
     assert TermKind.DEAD_BAND in added(select(data, NO_BODIES, True).best)

@@ -19,7 +19,7 @@ from string import Formatter
 from typing import Any
 
 from ctc_chattering.identification.findings import Estimate, Finding, Reason, Severity
-from ctc_chattering.identification.gains import Draw, FailedDraw, Trial
+from ctc_chattering.identification.gains import Draw, FailedDraw, GainTrial
 from ctc_chattering.identification.sentences import (
     MESSAGES,
     next_step,
@@ -43,7 +43,7 @@ def test_each_reason_has_full_sentences_of_its_values(reason: Reason) -> None:
     values: dict[str, Any] = {
         name: 'x' if name in TEXTS else 1.0 for name in names - {'joint', 'trial'}}
     if 'trial' in names:
-        values['trial'] = Trial(50.0, 6)
+        values['trial'] = GainTrial(50.0, 6)
     words = words_of(Finding(reason, Severity.CARE, 0, values), 'elbow')
     for sentence in filter(None, words):
         assert sentence[0].isalnum() or sentence[0] == '|'
@@ -82,7 +82,7 @@ def test_the_next_step_depends_on_the_verdicts() -> None:
 
 def test_a_trial_names_the_robot_on_which_gains_fail() -> None:
     start = 'The gains with p = 50 rad/s '
-    assert trial_text(Trial(50.0, 6)) == f'{start}survive on all of 6 simulated robots.'
+    assert trial_text(GainTrial(50.0, 6)) == f'{start}survive on all of 6 simulated robots.'
     end = ('. This robot has delay 1, lag 0.003 s, friction at the lower end of its interval, and '
            "the model is 1.05 of the robot's.")
     for failed, cause in (
@@ -91,6 +91,6 @@ def test_a_trial_names_the_robot_on_which_gains_fail() -> None:
              'the RMS error of a is 0.02 rad, that of `compensation` 0.01 rad'),
             (FailedDraw(2, DRAW, '', 'a', 0.01, 0.02, 0.1),
              'a joint is at its torque limit for 10% of the time')):
-        assert trial_text(Trial(50.0, 6, failed)) == f'{start}fail on robot 2 of 6: {cause}{end}'
-    refusal = Finding(Reason.NO_GAINS, Severity.REFUSED, values={'trial': Trial(50.0, 6)})
+        assert trial_text(GainTrial(50.0, 6, failed)) == f'{start}fail on robot 2 of 6: {cause}{end}'
+    refusal = Finding(Reason.NO_GAINS, Severity.REFUSED, values={'trial': GainTrial(50.0, 6)})
     assert 'all of 6 simulated robots. First' in str(words_of(refusal, 'a'))
