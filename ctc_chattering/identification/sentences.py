@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.control.recommended_gains import BANDWIDTH_LAG, MAX_POLE_LATENESS
 from ctc_chattering.identification.findings import Finding, Reason, Severity
-from ctc_chattering.identification.gains import GAIN_LIMITS, GainBasis, Recommendation, GainTrial
+from ctc_chattering.identification.gains import GAIN_LIMITS, GainBasis, GainTrial, Recommendation
 from ctc_chattering.identification.perturbation_bound import MARGIN
 from ctc_chattering.identification.verdict import Verdict
 from ctc_chattering.numerics.linear_algebra import Array

@@ -30,7 +30,13 @@ from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.findings import Finding, Reason, Severity
 from ctc_chattering.identification.friction import JointFriction
-from ctc_chattering.identification.gains import Draw, FailedDraw, pole_of, Recommendation, GainTrial
+from ctc_chattering.identification.gains import (
+    Draw,
+    FailedDraw,
+    GainTrial,
+    pole_of,
+    Recommendation,
+)
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import MeasuredPerturbation
 from ctc_chattering.number_format import round_number
