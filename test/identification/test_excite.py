@@ -188,7 +188,7 @@ def run_of(motion: Motion) -> Run:
     setup = motion.setup
     text = setup.descriptions.get('plant', '')
     return run_closed_loop(setup.plant, setup.controller, setup.reference, route=setup.route,
-                    robot=make_plant(setup.plant, text), model=model(setup))
+                           robot=make_plant(setup.plant, text), model=model(setup))
 
 
 def assert_identifiable(motion: Motion, run: Run) -> None:

@@ -91,6 +91,8 @@ def test_a_trial_names_the_robot_on_which_gains_fail() -> None:
              'the RMS error of a is 0.02 rad, that of `compensation` 0.01 rad'),
             (FailedDraw(2, DRAW, '', 'a', 0.01, 0.02, 0.1),
              'a joint is at its torque limit for 10% of the time')):
-        assert trial_text(GainTrial(50.0, 6, failed)) == f'{start}fail on robot 2 of 6: {cause}{end}'
-    refusal = Finding(Reason.NO_GAINS, Severity.REFUSED, values={'trial': GainTrial(50.0, 6)})
+        text = trial_text(GainTrial(50.0, 6, failed))
+        assert text == f'{start}fail on robot 2 of 6: {cause}{end}'
+    trial = GainTrial(50.0, 6)
+    refusal = Finding(Reason.NO_GAINS, Severity.REFUSED, values={'trial': trial})
     assert 'all of 6 simulated robots. First' in str(words_of(refusal, 'a'))
