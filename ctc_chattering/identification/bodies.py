@@ -91,8 +91,10 @@ class IdentifiedBodies:
                 estimates.append(Estimate.unknown(Gap.NOT_FELT))
                 continue
             estimates.append(
-                Estimate(value, half, 'kg*m^2') if value > BOUND * half else
-                Estimate.none(gap=Gap.AT_BOUND, at_most=half, unit='kg*m^2'))
+                Estimate(value, half, 'kg*m^2')
+                if value > BOUND * half
+                else Estimate.none(gap=Gap.AT_BOUND, at_most=half, unit='kg*m^2')
+            )
         return estimates
 
     @property
@@ -130,21 +132,30 @@ class IdentifiedBodies:
         """Return whether a joint's torque changes by more than 1 %."""
         return bool((self.change_rms() > 0.01 * self.fit.data.deviation).any())
 
-    def description(self, urdf: str, joints: Sequence[str],
-                    locked: Mapping[str, float] | None = None) -> str:
+    def description(
+        self, urdf: str, joints: Sequence[str], locked: Mapping[str, float] | None = None
+    ) -> str:
         """Return a URDF with these bodies, rotors and turned base."""
         count = self.regressor.inertial_count
-        return corrected_urdf(urdf, joints, self.values[:count].reshape(-1, 10),
-                              self.values[count:-3].tolist(), self.gravity.tolist(), locked)
+        return corrected_urdf(
+            urdf,
+            joints,
+            self.values[:count].reshape(-1, 10),
+            self.values[count:-3].tolist(),
+            self.gravity.tolist(),
+            locked,
+        )
 
     def as_mapping(self, joints: Sequence[str]) -> dict[str, Any]:
         """Return gravity and the bodies as JSON has them, by joint."""
-        rows = self.values[:self.regressor.inertial_count]
+        rows = self.values[: self.regressor.inertial_count]
         is_urdf = len(rows) == len(PARAMETERS) * len(joints)
         bodies = zip(joints, rows.reshape(len(joints), -1).tolist()) if is_urdf else ()
-        return {'gravity_mps2': self.gravity.tolist(),
-                'bodies': {joint: dict(zip(PARAMETERS, row)) for joint, row in bodies},
-                'bodies_uncertainty': self.uncertainty}
+        return {
+            'gravity_mps2': self.gravity.tolist(),
+            'bodies': {joint: dict(zip(PARAMETERS, row)) for joint, row in bodies},
+            'bodies_uncertainty': self.uncertainty,
+        }
 
     def torque_error(self, q: Array, dq: Array, ddq: Array) -> Array:
         """
@@ -154,8 +165,9 @@ class IdentifiedBodies:
         """
         unknowns = self.fit.unknowns
         rows = np.zeros((self.regressor.model.n, unknowns.count))
-        rows[:, :unknowns.body_count] = self.regressor.torque(
-            q, dq, ddq) @ unknowns.prior.transform
+        rows[:, : unknowns.body_count] = (
+            self.regressor.torque(q, dq, ddq) @ unknowns.prior.transform
+        )
         return self.fit.half_interval(rows)
 
     def torque_change(self, q: Array, dq: Array, ddq: Array) -> Array:
@@ -168,7 +180,7 @@ def half_interval_of(fit: Fit, parameter: int) -> float:
     """Return half the interval of a body parameter, by its index."""
     transform = fit.unknowns.prior.transform
     row = np.zeros(fit.unknowns.count)
-    row[:transform.shape[1]] = transform[parameter]
+    row[: transform.shape[1]] = transform[parameter]
     return float(fit.half_interval(row))
 
 

@@ -211,43 +211,60 @@ class Plan:
         peaks = [np.abs(x).max(axis=0) for x in (dq, ddq, self.tau)]
         largest = (self.bounds.velocity, self.bounds.acceleration, self.effort)
         rows: list[tuple[str, ...]] = [
-            ('joint', 'position', 'velocity', 'accel.', 'torque', 'kp', 'kv', 'sticks')]
+            ('joint', 'position', 'velocity', 'accel.', 'torque', 'kp', 'kv', 'sticks')
+        ]
         for i, joint in enumerate(self.limits):
-            rows.append((
-                joint.name, f'{q[:, i].min():.2f} to {q[:, i].max():.2f}',
-                *(f'{peak[i]:.3g}/{limit[i]:.4g}' for peak, limit in zip(peaks, largest)),
-                f'{self.kp[i]:g}', f'{self.kv[i]:g}', f'{self.hold[i]:.3f}'))
-        return '\n'.join([*fitted(rows, 0), *(
-            line for note in self._notes() for line in paragraph(note, 0))])
+            rows.append(
+                (
+                    joint.name,
+                    f'{q[:, i].min():.2f} to {q[:, i].max():.2f}',
+                    *(f'{peak[i]:.3g}/{limit[i]:.4g}' for peak, limit in zip(peaks, largest)),
+                    f'{self.kp[i]:g}',
+                    f'{self.kv[i]:g}',
+                    f'{self.hold[i]:.3f}',
+                )
+            )
+        return '\n'.join(
+            [*fitted(rows, 0), *(line for note in self._notes() for line in paragraph(note, 0))]
+        )
 
     def _notes(self) -> Iterator[str]:
         """Yield sentences on collisions and on assumed limits."""
         if self.links is None or self.approach is None:
-            yield ('warning: the motion is not checked for collisions of the robot with itself: '
-                   f'{self.unchecked}')
+            yield (
+                'warning: the motion is not checked for collisions of the robot with itself: '
+                f'{self.unchecked}'
+            )
         else:
             yield f'The nearest approach of two links is {describe(self.approach)}.'
-            for reason, names in (('They touch at the centre', self.links.touching),
-                                  ('They have no collision shapes', self.links.unseen)):
+            for reason, names in (
+                ('They touch at the centre', self.links.touching),
+                ('They have no collision shapes', self.links.unseen),
+            ):
                 if names:
                     yield f'warning: these links are not checked: {", ".join(names)}. {reason}.'
         for quantity in ('velocity', 'acceleration'):
             names = [joint.name for joint in self.limits if getattr(joint, quantity)[1] == inf]
             if names:
                 joints = 'any joint' if len(names) == len(self.limits) else ', '.join(names)
-                yield (f'The description has no {quantity} limit of {joints}: those above are '
-                       'assumed.')
+                yield (
+                    f'The description has no {quantity} limit of {joints}: those above are '
+                    'assumed.'
+                )
 
 
 def describe(approach: Approach) -> str:
     """Return an approach of two links in words."""
     distance = f'{approach.distance:.2g} m' if approach.distance > 0.0 else 'none: they touch'
-    return (f'{distance}, {" and ".join(approach.links)} at {approach.t:.1f} s; at least '
-            f'{approach.required:.2g} m is needed')
+    return (
+        f'{distance}, {" and ".join(approach.links)} at {approach.t:.1f} s; at least '
+        f'{approach.required:.2g} m is needed'
+    )
 
 
-def excite(setup: Setup, request: Mapping[str, Any] | None = None, joints: Sequence[str] = ()
-           ) -> Plan:
+def excite(
+    setup: Setup, request: Mapping[str, Any] | None = None, joints: Sequence[str] = ()
+) -> Plan:
     """
     Return a motion within limits that shows every joint's friction.
 
@@ -275,29 +292,45 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None, joints: Seque
     """
     plant, controller, reference = setup.plant, setup.controller, setup.reference
     names, center = controller.joint_names, dict(zip(reference.joint_names, reference.center))
-    config = ExcitationConfig.from_mapping({
-        'joint_names': names, 'start': plant.initial_position, 'friction': plant.coulomb_friction,
-        'center': [center[name] for name in names], **(request or {})})
+    config = ExcitationConfig.from_mapping(
+        {
+            'joint_names': names,
+            'start': plant.initial_position,
+            'friction': plant.coulomb_friction,
+            'center': [center[name] for name in names],
+            **(request or {}),
+        }
+    )
     for name in joints:
         if name not in names:
-            raise CtcError(f'joints: no joint is called {name}; allowed: {", ".join(names)}'
-                           f'{suggest(name, names)}')
+            raise CtcError(
+                f'joints: no joint is called {name}; allowed: {", ".join(names)}'
+                f'{suggest(name, names)}'
+            )
     description = setup.descriptions.get('controller', '')
     model = model_of(controller, description)
-    limits = (read_limits(description, names) if description else
-              [JointLimits(name) for name in names])
+    limits = (
+        read_limits(description, names) if description else [JointLimits(name) for name in names]
+    )
     bounds = bounds_of(config, limits)
     for quantity, values in (('velocity', bounds.velocity), ('acceleration', bounds.acceleration)):
         if values.min() < LEAST:
-            raise CtcError(f'joint {names[int(values.argmin())]}: its {quantity} limit leaves no '
-                           f'motion: {values.min():g}; at least {LEAST:g} is needed')
+            raise CtcError(
+                f'joint {names[int(values.argmin())]}: its {quantity} limit leaves no '
+                f'motion: {values.min():g}; at least {LEAST:g} is needed'
+            )
     friction = AssumedFriction(np.array(config.friction), np.array(plant.viscous_friction))
     effort = np.minimum(controller.largest_torque(model.effort_limits), plant.torque_saturation)
     links, unchecked = None, ''
     try:
         links = SelfCollision(
-            description, names, locked_positions(controller.locked),
-            np.array([config.center, config.start]), config.clearance, config.floor)
+            description,
+            names,
+            locked_positions(controller.locked),
+            np.array([config.center, config.start]),
+            config.clearance,
+            config.floor,
+        )
     except MachineError:
         raise
     except CtcError as error:
@@ -311,10 +344,20 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None, joints: Seque
     hold = sticking(model, poses, gains.kp, friction)
     delay = controller.control_period * (1 + controller.input_delay)
     raised = gains.raised(hold, bounds.slow, delay)
-    return Plan(limits=limits, bounds=bounds, excitation=excitation, motion=motion,
-                tau=friction.torques(model, motion), effort=effort, links=links,
-                approach=approach, unchecked=unchecked, kp=raised.kp, kv=raised.kv,
-                hold=hold * gains.kp / raised.kp)
+    return Plan(
+        limits=limits,
+        bounds=bounds,
+        excitation=excitation,
+        motion=motion,
+        tau=friction.torques(model, motion),
+        effort=effort,
+        links=links,
+        approach=approach,
+        unchecked=unchecked,
+        kp=raised.kp,
+        kv=raised.kv,
+        hold=hold * gains.kp / raised.kp,
+    )
 
 
 class FirstMotion(NamedTuple):
@@ -324,9 +367,15 @@ class FirstMotion(NamedTuple):
     approach: Approach | None
 
 
-def first_motion(config: ExcitationConfig, bounds: Bounds, share: Array, model: Model,
-                 friction: AssumedFriction, effort: Array, links: SelfCollision | None
-                 ) -> FirstMotion:
+def first_motion(
+    config: ExcitationConfig,
+    bounds: Bounds,
+    share: Array,
+    model: Model,
+    friction: AssumedFriction,
+    effort: Array,
+    links: SelfCollision | None,
+) -> FirstMotion:
     """
     Return the first of the largest random motions within all limits.
 
@@ -360,20 +409,25 @@ def first_motion(config: ExcitationConfig, bounds: Bounds, share: Array, model: 
                     refusal = f'nearest approach of two links: {describe(approach)}'
         if not refusal:
             return FirstMotion(excitation, approach)
-    raise CtcError(f'the motion is refused; {refusal}: choose smaller limits, a smaller '
-                   'position_range or another centre')
+    raise CtcError(
+        f'the motion is refused; {refusal}: choose smaller limits, a smaller '
+        'position_range or another centre'
+    )
 
 
-def _find_torque_beyond(excitation: Excitation, friction: AssumedFriction, model: Model,
-                        effort: Array) -> str:
+def _find_torque_beyond(
+    excitation: Excitation, friction: AssumedFriction, model: Model, effort: Array
+) -> str:
     """Return a too large torque of a motion in words, empty for none."""
     t = np.arange(0.0, excitation.times[-1], SEARCH.torque_step_s)
     torque = np.abs(friction.torques(model, excitation.at(t)))
     k, i = divmod(int((torque / effort).argmax()), len(effort))
     if torque[k, i] <= SEARCH.torque_part * effort[i]:
         return ''
-    return (f'peak torque of {excitation.names[i]}: {torque[k, i]:.4g} is not allowed; at most '
-            f'{effort[i]:g} N*m, its effort limit')
+    return (
+        f'peak torque of {excitation.names[i]}: {torque[k, i]:.4g} is not allowed; at most '
+        f'{effort[i]:g} N*m, its effort limit'
+    )
 
 
 def write_excitation(plan: Plan, setup: Setup, out: str | Path, overwrite: bool = False) -> None:
@@ -403,13 +457,16 @@ def write_excitation(plan: Plan, setup: Setup, out: str | Path, overwrite: bool 
     changed: dict[str, Values] = {
         'plant': {'duration': float(plan.excitation.times[-1])},
         'controller': {'law': 'compensation', 'kp': plan.kp.tolist(), 'kv': plan.kv.tolist()},
-        'reference': {'trajectory_file': str(Path(out).resolve() / MOTION),
-                      'start_duration': 0.0},
-        'bringup': {'events': ['']}}
+        'reference': {'trajectory_file': str(Path(out).resolve() / MOTION), 'start_duration': 0.0},
+        'bringup': {'events': ['']},
+    }
     with new_folder(Path(out), EXCITE, overwrite) as folder:
         write_trajectory(plan.excitation.route, folder / MOTION)
-        parameter_file.dump({node: {
-            **setup.values.get(node, {}), **changed.get(node, {})
-        } for node in (*setup.values, *changed)}, folder / RUN)
-        parameter_file.load(
-            folder / RUN, {'reference': {'trajectory_file': str(folder / MOTION)}})
+        parameter_file.dump(
+            {
+                node: {**setup.values.get(node, {}), **changed.get(node, {})}
+                for node in (*setup.values, *changed)
+            },
+            folder / RUN,
+        )
+        parameter_file.load(folder / RUN, {'reference': {'trajectory_file': str(folder / MOTION)}})

@@ -114,7 +114,7 @@ class Estimate:
 
     @property
     def cell(self) -> str:
-        """Number, bound, `none`, or `-`, without the unit."""
+        """Return number, bound, `none`, or `-`, without the unit."""
         if self.value is None and self.at_least is None and not self.absent:
             return '-'
         return str(dataclasses.replace(self, unit=''))

@@ -101,9 +101,17 @@ class JointFriction:
     def as_mapping(self, joints: Sequence[str]) -> dict[str, Any]:
         """Return it as JSON has it, with the names of joints."""
         numbers = {name: getattr(self, name).as_mapping() for name in NUMBERS}
-        return {**numbers, 'coupled': [
-            {'joint': joints[x.joint], 'coulomb': x.coulomb.as_mapping(),
-             'viscous': x.viscous.as_mapping()} for x in self.coupled]}
+        return {
+            **numbers,
+            'coupled': [
+                {
+                    'joint': joints[x.joint],
+                    'coulomb': x.coulomb.as_mapping(),
+                    'viscous': x.viscous.as_mapping(),
+                }
+                for x in self.coupled
+            ],
+        }
 
     @property
     def at_rest(self) -> float:
@@ -113,12 +121,18 @@ class JointFriction:
 
 
 #: Names of the numbers of a joint's friction.
-NUMBERS = tuple(field.name for field in dataclasses.fields(JointFriction)
-                if field.name != 'coupled')
+NUMBERS = tuple(
+    field.name for field in dataclasses.fields(JointFriction) if field.name != 'coupled'
+)
 
 
-def joint_friction(fit: Fit, joint: int, systematic: float = 0.0, basic: Fit | None = None,
-                   is_curved: bool = False) -> JointFriction:
+def joint_friction(
+    fit: Fit,
+    joint: int,
+    systematic: float = 0.0,
+    basic: Fit | None = None,
+    is_curved: bool = False,
+) -> JointFriction:
     """
     Return the friction of a joint.
 
@@ -160,11 +174,16 @@ def joint_friction(fit: Fit, joint: int, systematic: float = 0.0, basic: Fit | N
     def viscous(term_kind: TermKind) -> Estimate:
         return estimate({term_kind: 1.0}, 'N*m*s/rad', systematic / speed)
 
-    numbers = {'coulomb': torque(TermKind.COULOMB), 'forwards': torque(TermKind.COULOMB, 1.0),
-               'backwards': torque(TermKind.COULOMB, -1.0),
-               'viscous': viscous(TermKind.VISCOUS),
-               'stribeck': _no_stribeck(fit.data, joint), 'stribeck_velocity': Estimate.none(),
-               'load': Estimate.none(), 'dead_band': Estimate.none(gap=Gap.IN_COULOMB)}
+    numbers = {
+        'coulomb': torque(TermKind.COULOMB),
+        'forwards': torque(TermKind.COULOMB, 1.0),
+        'backwards': torque(TermKind.COULOMB, -1.0),
+        'viscous': viscous(TermKind.VISCOUS),
+        'stribeck': _no_stribeck(fit.data, joint),
+        'stribeck_velocity': Estimate.none(),
+        'load': Estimate.none(),
+        'dead_band': Estimate.none(gap=Gap.IN_COULOMB),
+    }
     coupled: tuple[CoupledFriction, ...] = ()
     for term in map(fit.unknowns.term, fit.unknowns.of_joint(joint)):
         if term.kind == TermKind.STRIBECK:
@@ -175,8 +194,11 @@ def joint_friction(fit: Fit, joint: int, systematic: float = 0.0, basic: Fit | N
         elif term.kind == TermKind.DEAD_BAND:
             numbers['dead_band'] = torque(term.kind)
         elif term.kind == TermKind.COUPLED_COULOMB:
-            coupled = (CoupledFriction(int(term.which), torque(term.kind),
-                                       viscous(TermKind.COUPLED_VISCOUS)),)
+            coupled = (
+                CoupledFriction(
+                    int(term.which), torque(term.kind), viscous(TermKind.COUPLED_VISCOUS)
+                ),
+            )
     return JointFriction(**numbers, coupled=coupled)
 
 
@@ -192,8 +214,7 @@ def _unexplained_by_added(fit: Fit, basic: Fit | None, joint: int) -> float:
 
     It is 0 if there are none.
     """
-    if basic is None or (
-            len(fit.unknowns.of_joint(joint)) == len(basic.unknowns.of_joint(joint))):
+    if basic is None or (len(fit.unknowns.of_joint(joint)) == len(basic.unknowns.of_joint(joint))):
         return 0.0
     return float(fit.noise.deviation[joint] / basic.noise.deviation[joint])
 

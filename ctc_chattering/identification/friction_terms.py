@@ -90,12 +90,14 @@ class FrictionTerm(NamedTuple):
             TermKind.COULOMB: lambda: windows.direction[:, joint],
             TermKind.OFFSET: lambda: np.ones(len(windows.t)),
             TermKind.VISCOUS: lambda: windows.velocity[:, joint],
-            TermKind.QUADRATIC: lambda: windows.velocity[:, joint] * np.abs(
-                windows.velocity[:, joint]),
+            TermKind.QUADRATIC: lambda: (
+                windows.velocity[:, joint] * np.abs(windows.velocity[:, joint])
+            ),
             TermKind.STRIBECK: lambda: windows.stribeck_column(joint, self.which),
             TermKind.LOAD: lambda: windows.load[:, joint],
             TermKind.SCALE: lambda: windows.model_torque[:, joint],
             TermKind.DEAD_BAND: lambda: drive_sign[:, joint],
             TermKind.COUPLED_COULOMB: lambda: windows.direction[:, coupled],
-            TermKind.COUPLED_VISCOUS: lambda: windows.velocity[:, coupled]}[self.kind]
+            TermKind.COUPLED_VISCOUS: lambda: windows.velocity[:, coupled],
+        }[self.kind]
         return np.asarray(self.size * values())

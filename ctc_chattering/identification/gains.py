@@ -79,8 +79,12 @@ class RateLimit(NamedTuple):
     findings: tuple[Finding, ...]
 
 
-def torque_rate(identified: Identification, fastest: Array, declared: Sequence[float] = (),
-                weight: Array | float = 0.0) -> RateLimit:
+def torque_rate(
+    identified: Identification,
+    fastest: Array,
+    declared: Sequence[float] = (),
+    weight: Array | float = 0.0,
+) -> RateLimit:
     """
     Return the rate limit for the law.
 
@@ -109,9 +113,15 @@ def torque_rate(identified: Identification, fastest: Array, declared: Sequence[f
     drive = np.array(declared or identified_rate or [np.nan] * len(needed))
     drive = np.where(drive > 0.0, drive, np.nan)
     smallest = drive / (1.0 + 2.0 * longest_lag(identified) / identified.clock.period)
-    findings = [Finding(Reason.SLOW_DRIVE, Severity.CARE, joint, {
-        'rate': drive[joint], 'needed': needed[joint], 'reversal_s': GAIN_LIMITS.reversal_s})
-        for joint in np.flatnonzero(drive < needed).tolist()]
+    findings = [
+        Finding(
+            Reason.SLOW_DRIVE,
+            Severity.CARE,
+            joint,
+            {'rate': drive[joint], 'needed': needed[joint], 'reversal_s': GAIN_LIMITS.reversal_s},
+        )
+        for joint in np.flatnonzero(drive < needed).tolist()
+    ]
     if np.isnan(drive).any():
         findings.append(Finding(Reason.NO_RATE, Severity.NOTE))
     # Lags that may be anything are those of elastic joints, say: fast commands make them swing.
@@ -273,8 +283,13 @@ def pole_of(gains: Gains) -> float:
     return float(0.5 * gains['kv'][0])
 
 
-def recommend(identified: Identification, run: MeasuredPerturbation, model: Model,
-              rate: Sequence[float] = (), corrected: bool = False) -> Recommendation:
+def recommend(
+    identified: Identification,
+    run: MeasuredPerturbation,
+    model: Model,
+    rate: Sequence[float] = (),
+    corrected: bool = False,
+) -> Recommendation:
     """
     Return gains.
 
@@ -304,11 +319,18 @@ def recommend(identified: Identification, run: MeasuredPerturbation, model: Mode
     steps = [x.value or 0.0 for x in identified.encoder]
     resolution = max(float(identified.positions.noise.max()), *steps)
     basis = GainBasis(
-        run=run, bound=bound, delays=tuple(timing.delays), period=period,
+        run=run,
+        bound=bound,
+        delays=tuple(timing.delays),
+        period=period,
         longest_lag=float(longest_lag(identified).max()),
-        latest=max(LatestTorque(lateness(float(lags.max()), period, k), float(lags.max()), k)
-                   for k, lags in possible.items()),
-        resolution=resolution, estimator_ratio=estimator_bandwidth(1.0, resolution))
+        latest=max(
+            LatestTorque(lateness(float(lags.max()), period, k), float(lags.max()), k)
+            for k, lags in possible.items()
+        ),
+        resolution=resolution,
+        estimator_ratio=estimator_bandwidth(1.0, resolution),
+    )
 
     def of_usable(values: Sequence[float] | Array) -> list[float | None]:
         return [rounded(float(x), 6) if good else None for x, good in zip(values, usable)]
@@ -322,15 +344,24 @@ def recommend(identified: Identification, run: MeasuredPerturbation, model: Mode
         'observer_bandwidth': round_to_digits(bandwidth, 2, np.floor),
         'ka': of_usable(bound.ka),
         'friction_level': of_usable(level),
-        'torque_rate_limit': of_usable(drives.rate)}
-    options = tuple({**shared, **_pole_gains(basis, factor, len(lag))}
-                    for factor in GAIN_LIMITS.pole_parts)
-    return Recommendation(options[0], basis, (
-        *run.outliers(), *run.break_away(), *bound.findings, *drives.findings), options)
+        'torque_rate_limit': of_usable(drives.rate),
+    }
+    options = tuple(
+        {**shared, **_pole_gains(basis, factor, len(lag))} for factor in GAIN_LIMITS.pole_parts
+    )
+    return Recommendation(
+        options[0],
+        basis,
+        (*run.outliers(), *run.break_away(), *bound.findings, *drives.findings),
+        options,
+    )
 
 
 def _pole_gains(basis: GainBasis, factor: float, n: int) -> Gains:
     """Return the gains of n joints for a part of the fastest pole."""
     pole = round_to_digits(factor * largest_pole(basis.latest.lateness), 2, np.floor)
-    return {'kp': [pole ** 2] * n, 'kv': [2.0 * pole] * n,
-            'estimator_bandwidth': basis.estimator_ratio * pole}
+    return {
+        'kp': [pole**2] * n,
+        'kv': [2.0 * pole] * n,
+        'estimator_bandwidth': basis.estimator_ratio * pole,
+    }

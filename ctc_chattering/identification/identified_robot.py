@@ -69,15 +69,33 @@ from ctc_chattering.parameters import check_not_empty, checked_integer, LEAST, P
 import numpy as np
 
 #: Declaration of the rate of the drives.
-TORQUE_RATE = Parameter('torque_rate', 'float[]', None, 'rate limit of the drives', unit='N*m/s',
-                        minimum=LEAST, shape='n')
+TORQUE_RATE = Parameter(
+    'torque_rate',
+    'float[]',
+    None,
+    'rate limit of the drives',
+    unit='N*m/s',
+    minimum=LEAST,
+    shape='n',
+)
 #: Declaration of torque constants.
-TORQUE_CONSTANT = Parameter('torque_constant', 'float[]', None, 'torque at the joint per ampere '
-                            'of a current [N·m/A], or per N·m of the motor: gear ratio included',
-                            shape='n')
+TORQUE_CONSTANT = Parameter(
+    'torque_constant',
+    'float[]',
+    None,
+    'torque at the joint per ampere '
+    'of a current [N·m/A], or per N·m of the motor: gear ratio included',
+    shape='n',
+)
 #: Declaration of the uncertainty of the URDF.
-UNCERTAINTY = Parameter('urdf_uncertainty', 'float', URDF_UNCERTAINTY, 'uncertainty of a body '
-                        'of the URDF, as a part of its mass and size', minimum=LEAST, maximum=10.0)
+UNCERTAINTY = Parameter(
+    'urdf_uncertainty',
+    'float',
+    URDF_UNCERTAINTY,
+    'uncertainty of a body of the URDF, as a part of its mass and size',
+    minimum=LEAST,
+    maximum=10.0,
+)
 #: Declaration of gravity.
 GRAVITY = ControllerConfig.parameters()['gravity']
 #: Kinds of a measured effort.
@@ -132,25 +150,34 @@ class RobotModel:
         """Return the model of another description."""
         return make_model('urdf', self.shared['gravity'], joints, text, self.locked)
 
-    def loaded(self, payloads: Sequence[tuple[float, str]], joints: tuple[str, ...]
-               ) -> list[Model]:
+    def loaded(
+        self, payloads: Sequence[tuple[float, str]], joints: tuple[str, ...]
+    ) -> list[Model]:
         """Return the model with each payload, empty without any."""
         if not any(mass for mass, _ in payloads):
             return []
-        return [self.described(with_payload(self.description, joints, mass, link), joints)
-                if mass else self.model for mass, link in payloads]
+        return [
+            self.described(with_payload(self.description, joints, mass, link), joints)
+            if mass
+            else self.model
+            for mass, link in payloads
+        ]
 
     def corrected(self, identified: Identification) -> RobotModel:
         """Return it with the identified bodies, if they differ."""
         text = corrected_description(identified, self.files.get(ROBOT, ''), self.locked)
         if not text:
             return self
-        return dataclasses.replace(self, model=self.described(text, identified.joints),
-                                   files={**self.files, CORRECTED: text})
+        return dataclasses.replace(
+            self,
+            model=self.described(text, identified.joints),
+            files={**self.files, CORRECTED: text},
+        )
 
 
-def corrected_description(identified: Identification, description: str,
-                          locked: Mapping[str, float] | None = None) -> str:
+def corrected_description(
+    identified: Identification, description: str, locked: Mapping[str, float] | None = None
+) -> str:
     """
     Return the URDF with the identified bodies, empty for no change.
 
@@ -174,12 +201,21 @@ def correction_findings(identified: Identification, file: str) -> Iterator[Findi
     """Yield the differences of a corrected URDF from the given one."""
     bodies = identified.bodies
     assert bodies is not None
-    yield Finding(Reason.CORRECTED, Severity.NOTE, values={
-        'file': file, 'change': bodies.change_rms().tolist()})
+    yield Finding(
+        Reason.CORRECTED,
+        Severity.NOTE,
+        values={'file': file, 'change': bodies.change_rms().tolist()},
+    )
     if bodies.turn > MOUNT_NOTE_RAD:
-        yield Finding(Reason.MOUNT, Severity.CARE, values={
-            'file': file, 'gravity': bodies.gravity.tolist(),
-            'degrees': float(np.degrees(bodies.turn))})
+        yield Finding(
+            Reason.MOUNT,
+            Severity.CARE,
+            values={
+                'file': file,
+                'gravity': bodies.gravity.tolist(),
+                'degrees': float(np.degrees(bodies.turn)),
+            },
+        )
     for joint, rotor in enumerate(bodies.rotors):
         if rotor.value is not None and rotor.value - rotor.half > 0.0:
             yield Finding(Reason.ROTOR, Severity.NOTE, joint, {'file': file, 'rotor': rotor})
@@ -220,15 +256,25 @@ class IdentifiedRobot:
         if self.robot.files:
             shared['description'] = str((directory / list(self.robot.files)[-1]).resolve())
         return parameter_values(
-            self.results.found, self.results.recommended, self.robot.model, shared,
-            self.robot.gains)
+            self.results.found,
+            self.results.recommended,
+            self.robot.model,
+            shared,
+            self.robot.gains,
+        )
 
 
-def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
-             gravity: float | None = None, side: str = '', torque_rate: Sequence[float] = (),
-             torque_constant: Sequence[float] | None = None,
-             payloads: Sequence[tuple[float, str]] = (),
-             urdf_uncertainty: float = URDF_UNCERTAINTY) -> IdentifiedRobot:
+def identify(
+    motions: Sequence[RecordedMotion],
+    model: str = '',
+    urdf: str = '',
+    gravity: float | None = None,
+    side: str = '',
+    torque_rate: Sequence[float] = (),
+    torque_constant: Sequence[float] | None = None,
+    payloads: Sequence[tuple[float, str]] = (),
+    urdf_uncertainty: float = URDF_UNCERTAINTY,
+) -> IdentifiedRobot:
     """
     Identify friction, drives, errors of the model, and gains.
 
@@ -274,18 +320,28 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
     joints = motions[0].recording.joints
     constant, rate = (
         x if x is None or not len(x) else spec.checked(x, len(joints))
-        for spec, x in ((TORQUE_CONSTANT, torque_constant), (TORQUE_RATE, torque_rate)))
+        for spec, x in ((TORQUE_CONSTANT, torque_constant), (TORQUE_RATE, torque_rate))
+    )
     uncertainty = UNCERTAINTY.checked(urdf_uncertainty)
     recordings, side = convert_effort([x.recording for x in motions], side, constant)
-    findings = [Finding(Reason.RECORDING, Severity.NOTE, values={'text': text})
-                for x in motions for text in x.notes]
+    findings = [
+        Finding(Reason.RECORDING, Severity.NOTE, values={'text': text})
+        for x in motions
+        for text in x.notes
+    ]
     controller = motions[0].controller
     robot = _robot(motions[0], model, urdf, gravity, findings)
     del motions  # Long ones are large.
     payloads = _checked_payloads(payloads, len(recordings), robot, joints)
-    findings += [Finding(Reason.PAYLOAD, Severity.NOTE, values={
-        'recording': recording.name, 'mass': mass, 'link': link})
-        for recording, (mass, link) in zip(recordings, payloads) if mass]
+    findings += [
+        Finding(
+            Reason.PAYLOAD,
+            Severity.NOTE,
+            values={'recording': recording.name, 'mass': mass, 'link': link},
+        )
+        for recording, (mass, link) in zip(recordings, payloads)
+        if mass
+    ]
     name = ', '.join(x.name for x in recordings)
     for k in range(len(recordings)):
         recordings[k], repairs = repair(recordings[k])
@@ -295,14 +351,19 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
     velocities = estimate_velocity_noise(recordings[0], common_period(recordings))
     recordings = [dataclasses.replace(x, dq=None) for x in recordings]
     identified = identify_recordings(
-        recordings, robot.model, TorqueSignal(side, uncertainty),
-        robot.loaded(payloads, joints), velocities)
+        recordings,
+        robot.model,
+        TorqueSignal(side, uncertainty),
+        robot.loaded(payloads, joints),
+        velocities,
+    )
     del recordings
     robot = robot.corrected(identified)
     is_corrected = CORRECTED in robot.files
     corrections = correction_findings(identified, CORRECTED) if is_corrected else ()
     identified = dataclasses.replace(
-        identified, findings=(*findings, *identified.findings, *corrections))
+        identified, findings=(*findings, *identified.findings, *corrections)
+    )
     with suppress(AttributeError, OSError):  # The C library of Linux keeps freed memory.
         ctypes.CDLL(None).malloc_trim(0)
     run = measure_perturbation(identified, is_corrected)
@@ -310,8 +371,9 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
     return IdentifiedRobot(IdentificationResults(name, identified, run, recommended), robot)
 
 
-def _checked_payloads(payloads: Sequence[tuple[float, str]], count: int, robot: RobotModel,
-                      joints: tuple[str, ...]) -> list[tuple[float, str]]:
+def _checked_payloads(
+    payloads: Sequence[tuple[float, str]], count: int, robot: RobotModel, joints: tuple[str, ...]
+) -> list[tuple[float, str]]:
     """
     Return the payload of each motion, empty for none.
 
@@ -320,31 +382,41 @@ def _checked_payloads(payloads: Sequence[tuple[float, str]], count: int, robot: 
     if not all(0.0 <= mass < inf for mass, _ in payloads):
         raise ParameterError('payloads', payloads, 'pairs of a mass >= 0 [kg] and a link')
     if payloads and (len(payloads) != count or not robot.files):
-        raise ParameterError('payloads', payloads, f'{count} pairs, one for each motion, with '
-                             'mass 0 for none, of a URDF')
+        raise ParameterError(
+            'payloads',
+            payloads,
+            f'{count} pairs, one for each motion, with mass 0 for none, of a URDF',
+        )
     return [(mass, link or tip_of(Tree(robot.description), joints)) for mass, link in payloads]
 
 
-def _count_turns(recording: Recording, controller: ControllerConfig | None, model: Model
-                 ) -> Recording:
+def _count_turns(
+    recording: Recording, controller: ControllerConfig | None, model: Model
+) -> Recording:
     """Return a recording that counts turns also over pauses."""
     described = dict(zip(recording.joints, model.continuous))
     named = (DESCRIBED,) if controller is None else controller.continuous_joints
-    continuous = [name in named or (DESCRIBED in named and described.get(name, False))
-                  for name in recording.joints]
+    continuous = [
+        name in named or (DESCRIBED in named and described.get(name, False))
+        for name in recording.joints
+    ]
     q = unwrapped(recording.t, recording.q, None, continuous)
     return recording if q is recording.q else dataclasses.replace(recording, q=q)
 
 
-def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None,
-           findings: list[Finding]) -> RobotModel:
+def _robot(
+    motion: RecordedMotion, model: str, urdf: str, gravity: float | None, findings: list[Finding]
+) -> RobotModel:
     """Return the model by arguments, the recording, or both."""
     controller, description = motion.controller, urdf or motion.description
-    name = model or ('urdf' if urdf else controller.model if controller else
-                     'urdf' if description else '')
+    name = model or (
+        'urdf' if urdf else controller.model if controller else 'urdf' if description else ''
+    )
     if not name:
-        raise UsageError(f'{motion.recording.name} has no robot description: give --urdf FILE, or '
-                         '--model; in Python urdf, or model')
+        raise UsageError(
+            f'{motion.recording.name} has no robot description: give --urdf FILE, or '
+            '--model; in Python urdf, or model'
+        )
     if gravity is None:
         gravity = controller.gravity if controller else USUAL_GRAVITY
     gravity = GRAVITY.checked(gravity)
@@ -358,28 +430,52 @@ def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None,
             raise
         description = with_rotors(description, rotors)
         dynamics = make_model(name, gravity, joints, description, positions)
-        findings.append(Finding(Reason.ASSUMED_ROTORS, Severity.NOTE, values={'rotors': {
-            joint: rounded(inertia, 2) for joint, inertia in rotors.items()}}))
+        findings.append(
+            Finding(
+                Reason.ASSUMED_ROTORS,
+                Severity.NOTE,
+                values={
+                    'rotors': {joint: rounded(inertia, 2) for joint, inertia in rotors.items()}
+                },
+            )
+        )
     shared: dict[str, Any] = {'model': name, 'gravity': gravity}
     if any(locked):
         shared['locked'] = list(locked)
-    if controller and controller.joint_names == joints and (
-            controller.continuous_joints != (DESCRIBED,)):
+    if (
+        controller
+        and controller.joint_names == joints
+        and (controller.continuous_joints != (DESCRIBED,))
+    ):
         shared['continuous_joints'] = list(controller.continuous_joints)
-    return RobotModel(dynamics, {ROBOT: description} if name == 'urdf' else {}, positions, shared,
-                      (controller.kp, controller.kv) if controller else None)
+    return RobotModel(
+        dynamics,
+        {ROBOT: description} if name == 'urdf' else {},
+        positions,
+        shared,
+        (controller.kp, controller.kv) if controller else None,
+    )
 
 
 def _usual_rotors(description: str, joints: Sequence[str]) -> dict[str, float]:
     """Return usual rotor inertias, by the effort limits [kg·m²]."""
     described = Tree(description).joints
-    return {name: ASSUMED_ROTOR * described[name].effort for name in joints
-            if described[name].effort < inf}
+    return {
+        name: ASSUMED_ROTOR * described[name].effort
+        for name in joints
+        if described[name].effort < inf
+    }
 
 
-def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int | None = None,
-                     show: Callable[[str], None] = print, extra: str = 'svg',
-                     command: str = '', overwrite: bool = False) -> IdentifiedRobot:
+def write_identified(
+    identified: IdentifiedRobot,
+    out: str | Path,
+    trials: int | None = None,
+    show: Callable[[str], None] = print,
+    extra: str = 'svg',
+    command: str = '',
+    overwrite: bool = False,
+) -> IdentifiedRobot:
     """
     Try the gains in simulation, and write all files.
 
@@ -431,8 +527,9 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
     return tried
 
 
-def _tried(identified: IdentifiedRobot, folder: Path, trials: int, show: Callable[[str], None]
-           ) -> IdentifiedRobot:
+def _tried(
+    identified: IdentifiedRobot, folder: Path, trials: int, show: Callable[[str], None]
+) -> IdentifiedRobot:
     """
     Return the robot with the gains that survive the trials.
 
@@ -442,11 +539,18 @@ def _tried(identified: IdentifiedRobot, folder: Path, trials: int, show: Callabl
         return identified
     results = identified.results
     setups = setups_tried(
-        results.recommended, identified.parameters(folder), identified.robot.gains)
+        results.recommended, identified.parameters(folder), identified.robot.gains
+    )
     compile_setups(setups, show)
-    return dataclasses.replace(identified, results=dataclasses.replace(
-        results, recommended=trial_runs(
-            results.found, results.run, results.recommended, setups, trials)))
+    return dataclasses.replace(
+        identified,
+        results=dataclasses.replace(
+            results,
+            recommended=trial_runs(
+                results.found, results.run, results.recommended, setups, trials
+            ),
+        ),
+    )
 
 
 def _write_page(identified: IdentifiedRobot, folder: Path, extra: str, command: str) -> None:
@@ -457,7 +561,12 @@ def _write_page(identified: IdentifiedRobot, folder: Path, extra: str, command: 
     results = identified.results
     words = {VALUES: 'parameter file', JSON: 'all numbers', CORRECTED: 'corrected URDF'}
     files = {name: content for name, content in words.items() if (folder / name).exists()}
-    figures = save([torque_figure(results.found, results.verdicts),
-                    friction_figure(results.found, results.verdicts)], folder / FIGURES,
-                   ('svg', extra))
+    figures = save(
+        [
+            torque_figure(results.found, results.verdicts),
+            friction_figure(results.found, results.verdicts),
+        ],
+        folder / FIGURES,
+        ('svg', extra),
+    )
     write_page(results, figures, folder / PAGE, files, command)

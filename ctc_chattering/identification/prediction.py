@@ -66,10 +66,17 @@ class Prediction:
         """Return the predictions of a fit."""
         data = fit.data
         torque = data.windows.model_torque
-        friction = np.stack([_friction_alone(data, joint)
-                             for joint in range(data.joint_count)], axis=1)
-        return cls(data.windows.t, np.where(data.used, data.torque, np.nan), torque,
-                   torque + friction, torque + fit.held_out, fit.noise.weights)
+        friction = np.stack(
+            [_friction_alone(data, joint) for joint in range(data.joint_count)], axis=1
+        )
+        return cls(
+            data.windows.t,
+            np.where(data.used, data.torque, np.nan),
+            torque,
+            torque + friction,
+            torque + fit.held_out,
+            fit.noise.weights,
+        )
 
     @cached_property
     def recording_rms(self) -> Array:
@@ -102,8 +109,9 @@ class Prediction:
     @cached_property
     def systematic_rms(self) -> Array:
         """RMS of the error that lasts beyond a window, (n,) [N·m]."""
-        return np.array([_lasting(x, w) for x, w in zip(
-            (self.measured - self.identified).T, self.weights.T)])
+        return np.array(
+            [_lasting(x, w) for x, w in zip((self.measured - self.identified).T, self.weights.T)]
+        )
 
 
 def _friction_alone(data: Observations, joint: int) -> Array:
@@ -121,8 +129,9 @@ def _friction_alone(data: Observations, joint: int) -> Array:
 def _mean(values: Array) -> Array:
     """Return the mean of each column, or 0, without nan."""
     is_number = np.isfinite(values)
-    return np.asarray(np.where(is_number, values, 0.0).sum(axis=0)
-                      / np.maximum(is_number.sum(axis=0), 1))
+    return np.asarray(
+        np.where(is_number, values, 0.0).sum(axis=0) / np.maximum(is_number.sum(axis=0), 1)
+    )
 
 
 def _rms(values: Array) -> Array:

@@ -102,27 +102,33 @@ class ExcitationConfig(Config):
 
     joint_names: Strings = parameter(('joint1', 'joint2'), 'Joints of the motion.')
     duration: float = parameter(
-        60.0, 'Time from the start of the motion to its end.', 's', minimum=LEAST, maximum=600.0)
-    start: PerJoint = parameter(
-        0.0, 'Position from which the robot comes.', 'rad', minimum=-inf)
+        60.0, 'Time from the start of the motion to its end.', 's', minimum=LEAST, maximum=600.0
+    )
+    start: PerJoint = parameter(0.0, 'Position from which the robot comes.', 'rad', minimum=-inf)
     center: PerJoint = parameter(
-        0.0, "Position about which the joints move; default: the reference's.", 'rad',
-        minimum=-inf)
-    friction: PerJoint = parameter(
-        0.0, "Expected Coulomb friction; default: the plant's.", 'N*m')
+        0.0, "Position about which the joints move; default: the reference's.", 'rad', minimum=-inf
+    )
+    friction: PerJoint = parameter(0.0, "Expected Coulomb friction; default: the plant's.", 'N*m')
     position_range: PerJoint = parameter(
-        0.8, 'Greatest distance from the centre.', 'rad', minimum=LEAST)
+        0.8, 'Greatest distance from the centre.', 'rad', minimum=LEAST
+    )
     velocity_scale: float = parameter(
-        0.5, 'Part of the limits of velocity and acceleration in the description to use; '
+        0.5,
+        'Part of the limits of velocity and acceleration in the description to use; '
         f'without these limits, {SHAPE.usual_velocity:g} rad/s count.',
-        minimum=LEAST, maximum=1.0)
+        minimum=LEAST,
+        maximum=1.0,
+    )
     poses: int = parameter(3, 'Number of poses with slow reversals.', minimum=1, maximum=100)
     clearance: float = parameter(
-        0.02, 'Distance that links keep from each other.', 'm', minimum=0.001, maximum=1.0)
+        0.02, 'Distance that links keep from each other.', 'm', minimum=0.001, maximum=1.0
+    )
     floor: float = parameter(
-        inf, 'Height of a floor in the frame of the root link; default: none.', 'm', minimum=-inf)
+        inf, 'Height of a floor in the frame of the root link; default: none.', 'm', minimum=-inf
+    )
     evaluations: int = parameter(
-        20, 'Random motions, of which the first that keeps all limits is taken.', minimum=1)
+        20, 'Random motions, of which the first that keeps all limits is taken.', minimum=1
+    )
     seed: int = parameter(0, 'Seed of the random motions.')
 
 
@@ -153,8 +159,13 @@ class Bounds:
     def time(self, distance: Array) -> float:
         """Return the duration [s] of a quintic over (n,) distances [rad]."""
         d = np.abs(distance) / SHAPE.kept_part
-        return float(max(SHAPE.min_way_s, (QUINTIC_VELOCITY * d / self.velocity).max(),
-                         np.sqrt(QUINTIC_ACCELERATION * d / self.acceleration).max()))
+        return float(
+            max(
+                SHAPE.min_way_s,
+                (QUINTIC_VELOCITY * d / self.velocity).max(),
+                np.sqrt(QUINTIC_ACCELERATION * d / self.acceleration).max(),
+            )
+        )
 
 
 def bounds_of(config: ExcitationConfig, limits: Sequence[JointLimits]) -> Bounds:
@@ -179,14 +190,17 @@ def bounds_of(config: ExcitationConfig, limits: Sequence[JointLimits]) -> Bounds
     low, high, center = low + margin, high - margin, np.array(config.center)
     for i in np.flatnonzero((center <= low) | (center >= high)).tolist():
         raise ParameterError(
-            f'center of {limits[i].name}', config.center[i],
+            f'center of {limits[i].name}',
+            config.center[i],
             f'more than {low[i]:.4g} and less than {high[i]:.4g} {limits[i].unit}, its limits '
-            f'less {SHAPE.free_range:.0%} of the range at each end')
+            f'less {SHAPE.free_range:.0%} of the range at each end',
+        )
     fastest = np.array([joint.velocity[1] for joint in limits])
     strongest = np.array([joint.acceleration[1] for joint in limits])
     velocity = config.velocity_scale * np.where(fastest < inf, fastest, SHAPE.usual_velocity)
-    acceleration = np.where(strongest < inf, config.velocity_scale * strongest,
-                            SHAPE.usual_acceleration * velocity)
+    acceleration = np.where(
+        strongest < inf, config.velocity_scale * strongest, SHAPE.usual_acceleration * velocity
+    )
     room = np.minimum(config.position_range, np.minimum(center - low, high - center))
     return Bounds(center, room, velocity, acceleration)
 
@@ -225,11 +239,14 @@ class Excitation:
     @property
     def route(self) -> Route:
         """Return the waypoints, without the start."""
-        return Route(self.names, [round(t * NANOSECONDS) for t in self.times[1:].tolist()],
-                     [tuple(x) for x in self.points[1:].tolist()])
+        return Route(
+            self.names,
+            [round(t * NANOSECONDS) for t in self.times[1:].tolist()],
+            [tuple(x) for x in self.points[1:].tolist()],
+        )
 
     def at(self, t: Array) -> Array:
-        """Return position, velocity, acceleration, (3, N, n), at (N,) times [s]."""
+        """Return position, velocity and acceleration at times t [s], shape (3, N, n)."""
         path = BPoly.from_derivatives(self.times, self.points)
         return np.array([path(np.minimum(t, self.times[-1]), order) for order in range(3)])
 
@@ -263,15 +280,17 @@ class Multisine(NamedTuple):
         progress = np.clip(np.minimum(t, duration - t) / SHAPE.rise_s, 0.0, 1.0)
         rise = quintic(progress, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)[0]
         at_rest = [(1, np.zeros(n)), (2, np.zeros(n))]
-        path = make_interp_spline(t, rise[:, None] * (size / k * waves).sum(axis=1), 5,
-                                  bc_type=(at_rest, at_rest))
+        path = make_interp_spline(
+            t, rise[:, None] * (size / k * waves).sum(axis=1), 5, bc_type=(at_rest, at_rest)
+        )
         fine = np.linspace(0.0, duration, ceil(duration / SHAPE.fine_s) + 1)
         points, rows = (np.array([path(x, order) for order in range(3)]) for x in (t, fine))
         return cls(t, points.transpose(1, 0, 2), np.abs(rows).max(axis=1))
 
 
-def random_motion(config: ExcitationConfig, bounds: Bounds, share: Array, size: float, seed: int
-                  ) -> Excitation:
+def random_motion(
+    config: ExcitationConfig, bounds: Bounds, share: Array, size: float, seed: int
+) -> Excitation:
     """
     Return a motion of random poses, directions and sines.
 
@@ -367,15 +386,27 @@ class _Schedule(NamedTuple):
         between, last = bounds.time(2.0 * reach), bounds.time(reach)
         fixed = first + (config.poses - 1) * between + last + SHAPE.rest_s
         available = config.duration - fixed
-        creeping_s = (bounds.time(SHAPE.creeping_way * bounds.slow) + SHAPE.min_creeping_s
-                      + SHAPE.stop_s)
-        pose = max(4.0 * bounds.time(bounds.slow) / (1.0 - 2.0 * SHAPE.creeping_part),
-                   creeping_s / SHAPE.creeping_part)
-        needed = max(config.poses * pose / SHAPE.poses_part,
-                     SHAPE.min_multisine_s / (1.0 - SHAPE.poses_part))
+        creeping_s = (
+            bounds.time(SHAPE.creeping_way * bounds.slow) + SHAPE.min_creeping_s + SHAPE.stop_s
+        )
+        pose = max(
+            4.0 * bounds.time(bounds.slow) / (1.0 - 2.0 * SHAPE.creeping_part),
+            creeping_s / SHAPE.creeping_part,
+        )
+        needed = max(
+            config.poses * pose / SHAPE.poses_part,
+            SHAPE.min_multisine_s / (1.0 - SHAPE.poses_part),
+        )
         if available < needed:
             raise ParameterError(
-                'duration', config.duration, f'at least {ceil(fixed + needed)} s, for '
-                f'{config.poses} poses within these limits')
-        return cls(first, between, last, SHAPE.poses_part * available / config.poses,
-                   (1.0 - SHAPE.poses_part) * available)
+                'duration',
+                config.duration,
+                f'at least {ceil(fixed + needed)} s, for {config.poses} poses within these limits',
+            )
+        return cls(
+            first,
+            between,
+            last,
+            SHAPE.poses_part * available / config.poses,
+            (1.0 - SHAPE.poses_part) * available,
+        )

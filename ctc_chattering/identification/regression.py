@@ -110,8 +110,10 @@ class Observations:
     @cached_property
     def deviation(self) -> Array:
         """Deviation of the torque, (n,) [N·m], 1 without motion."""
-        sizes = [float(torque[used].std()) if used.any() else 0.0
-                 for torque, used in zip(self.torque.T, self.used.T)]
+        sizes = [
+            float(torque[used].std()) if used.any() else 0.0
+            for torque, used in zip(self.torque.T, self.used.T)
+        ]
         return np.array([size or 1.0 for size in sizes])
 
     @cached_property
@@ -161,8 +163,11 @@ class Unknowns:
     @cached_property
     def bounds(self) -> PhysicalBounds:
         """Bounds of all unknowns."""
-        positive = {self.body_count + k: 0.0 for k, term in enumerate(self.terms)
-                    if term.kind in NOT_NEGATIVE}
+        positive = {
+            self.body_count + k: 0.0
+            for k, term in enumerate(self.terms)
+            if term.kind in NOT_NEGATIVE
+        }
         return self.prior.bounds.with_minimum(positive)
 
     def term(self, index: int) -> FrictionTerm:
@@ -195,7 +200,7 @@ class Unknowns:
     def columns(self, data: Observations, joint: int) -> Array:
         """Return X of a joint, (J, m) [N·m], 0 if unused."""
         columns = np.zeros((len(data.torque), self.count))
-        columns[:, :self.body_count] = data.windows.bodies[:, joint] @ self.prior.transform
+        columns[:, : self.body_count] = data.windows.bodies[:, joint] @ self.prior.transform
         for k in self.of_joint(joint):
             columns[:, k] = self.term(k).column(data.windows, data.drive_sign)
         columns[~data.used[:, joint]] = 0.0
@@ -267,16 +272,19 @@ class Fit:
 
         It is that beyond the model.
         """
-        columns = [self.unknowns.columns(self.data, joint)
-                   for joint in range(self.data.joint_count)]
+        columns = [
+            self.unknowns.columns(self.data, joint) for joint in range(self.data.joint_count)
+        ]
         return _predicted(columns, blocks_of_time(len(self.data.torque)), self.left_out)
 
     def half_interval(self, weights: Array) -> Array:
         """Return half the interval of sums by weights, (..., m)."""
         normal = float(stdtrit(np.inf, 0.5 + 0.5 * CONFIDENCE))
         blocks = float(stdtrit(BLOCKS - 1.0, 0.5 + 0.5 * CONFIDENCE))
-        halves = [factor * np.sqrt(np.maximum(((weights @ matrix) * weights).sum(axis=-1), 0.0))
-                  for factor, matrix in ((normal, self.covariance), (blocks, self.spread))]
+        halves = [
+            factor * np.sqrt(np.maximum(((weights @ matrix) * weights).sum(axis=-1), 0.0))
+            for factor, matrix in ((normal, self.covariance), (blocks, self.spread))
+        ]
         return np.asarray(np.maximum(*halves))
 
     def torque(self, joint: int, kinds: Sequence[TermKind] | None = None) -> Array:
@@ -293,7 +301,7 @@ class Fit:
 
     def body_change(self) -> Array:
         """Return the change of all body parameters, shape (P,)."""
-        change = self.unknowns.prior.transform @ self.value[:self.unknowns.body_count]
+        change = self.unknowns.prior.transform @ self.value[: self.unknowns.body_count]
         return np.asarray(change)
 
 
@@ -333,12 +341,14 @@ class _NormalEquations:
         self.data, self.unknowns = data, unknowns
         self.block = blocks_of_time(len(data.torque))
         self.columns = np.stack(
-            [unknowns.columns(data, joint) for joint in range(data.joint_count)])
+            [unknowns.columns(data, joint) for joint in range(data.joint_count)]
+        )
 
     def covariance(self, noise: Noise, information: Array) -> Array:
         """Return the covariance by (BR2), (m, m), where `information` is H."""
         widened = dataclasses.replace(
-            noise, deviation=noise.deviation / np.sqrt(noise.correlation))
+            noise, deviation=noise.deviation / np.sqrt(noise.correlation)
+        )
         spread = self.sums(widened).drawn(np.ones(BLOCKS)).information
         inverse = covariance_of(information)
         return inverse @ spread @ inverse
@@ -374,19 +384,27 @@ def fit(data: Observations, unknowns: Unknowns) -> Fit:
     for _ in range(ROUNDS):
         sums = equations.sums(noise)
         left_out = np.stack([sums.without(k).solve(mean) for k in range(BLOCKS)])
-        shown = _shown_noise(data, unknowns, equations.unexplained(left_out),
-                             left_out.mean(axis=0))
+        shown = _shown_noise(
+            data, unknowns, equations.unexplained(left_out), left_out.mean(axis=0)
+        )
         noise = _between(noise, shown)
     sums = equations.sums(noise)
     whole = sums.drawn(np.ones(BLOCKS))
     without = [sums.without(k) for k in range(BLOCKS)]
-    return Fit(data, unknowns, noise, bounds.nearest(whole.solve(mean), whole.information),
-               equations.covariance(noise, whole.information), _block_spread(sums, mean),
-               np.stack([bounds.nearest(x.solve(mean), x.information) for x in without]))
+    return Fit(
+        data,
+        unknowns,
+        noise,
+        bounds.nearest(whole.solve(mean), whole.information),
+        equations.covariance(noise, whole.information),
+        _block_spread(sums, mean),
+        np.stack([bounds.nearest(x.solve(mean), x.information) for x in without]),
+    )
 
 
-def _predicted(columns: Sequence[Array] | Array, block: npt.NDArray[np.intp], values: Array
-               ) -> Array:
+def _predicted(
+    columns: Sequence[Array] | Array, block: npt.NDArray[np.intp], values: Array
+) -> Array:
     """Return the torque of each block by its values, (J, n)."""
     predicted = np.zeros((len(block), len(columns)))
     for k, value in enumerate(values):
@@ -416,14 +434,18 @@ def _first_noise(data: Observations) -> Noise:
     floor = MIN_NOISE * data.deviation
     # From small noise the data decide on the unknowns first. From large noise these might stay as
     # expected, and the noise remain large.
-    return Noise(0.01 * np.sqrt(power) + floor, np.ones(data.joint_count),
-                 1.0 - data.windows.resting)
+    return Noise(
+        0.01 * np.sqrt(power) + floor, np.ones(data.joint_count), 1.0 - data.windows.resting
+    )
 
 
 def _between(noise: Noise, shown: Noise) -> Noise:
     """Return noise between two rounds, so that weights and residuals settle."""
-    return Noise(np.sqrt(noise.deviation * shown.deviation),
-                 np.sqrt(noise.correlation * shown.correlation), shown.weights)
+    return Noise(
+        np.sqrt(noise.deviation * shown.deviation),
+        np.sqrt(noise.correlation * shown.correlation),
+        shown.weights,
+    )
 
 
 def _shown_noise(data: Observations, unknowns: Unknowns, residual: Array, value: Array) -> Noise:

@@ -83,11 +83,16 @@ class Option(NamedTuple):
 def friction_sizes(data: Observations, joint: int) -> dict[TermKind, float]:
     """Return the prior deviation of each kind of friction."""
     torque, speed = float(data.deviation[joint]), float(data.fastest[joint])
-    return {TermKind.COULOMB: 10.0 * torque, TermKind.OFFSET: torque,
-            TermKind.VISCOUS: 10.0 * torque / speed, TermKind.LOAD: 0.3,
-            TermKind.STRIBECK: 3.0 * torque, TermKind.DEAD_BAND: 3.0 * torque,
-            TermKind.COUPLED_COULOMB: 3.0 * torque,
-            TermKind.COUPLED_VISCOUS: 3.0 * torque / speed}
+    return {
+        TermKind.COULOMB: 10.0 * torque,
+        TermKind.OFFSET: torque,
+        TermKind.VISCOUS: 10.0 * torque / speed,
+        TermKind.LOAD: 0.3,
+        TermKind.STRIBECK: 3.0 * torque,
+        TermKind.DEAD_BAND: 3.0 * torque,
+        TermKind.COUPLED_COULOMB: 3.0 * torque,
+        TermKind.COUPLED_VISCOUS: 3.0 * torque / speed,
+    }
 
 
 def basic_terms(data: Observations, joint: int) -> list[FrictionTerm]:
@@ -98,8 +103,9 @@ def basic_terms(data: Observations, joint: int) -> list[FrictionTerm]:
 
 def friction_columns(data: Observations, joint: int) -> Array:
     """Return the columns of these terms, shape (J, 3) [N·m]."""
-    return np.column_stack([term.column(data.windows, data.drive_sign)
-                            for term in basic_terms(data, joint)])
+    return np.column_stack(
+        [term.column(data.windows, data.drive_sign) for term in basic_terms(data, joint)]
+    )
 
 
 class Selected(NamedTuple):
@@ -202,8 +208,12 @@ def _best_option(solution: Fit, joint: int, commanded: bool) -> tuple[FrictionTe
 def _refined(trial: _JointTrial, term: FrictionTerm) -> FrictionTerm:
     """Return a Stribeck term with the best velocity nearby."""
     low, high = max(term.which - 1.0, 0.0), min(term.which + 1.0, len(STRIBECK_VELOCITIES) - 1.0)
-    best = minimize_scalar(lambda x: trial.squares((term._replace(which=x),)).sum(),
-                           bounds=(low, high), method='bounded', options={'xatol': 0.02})
+    best = minimize_scalar(
+        lambda x: trial.squares((term._replace(which=x),)).sum(),
+        bounds=(low, high),
+        method='bounded',
+        options={'xatol': 0.02},
+    )
     return term._replace(which=float(best.x))
 
 
@@ -218,14 +228,19 @@ class _JointTrial:
         self._data, self._used = data, used
         self._block = blocks_of_time(len(used))[used]
         # Outliers keep their weight: a torque that a term explains is an outlier without it.
-        self._weight = np.sqrt(resting_weight(
-            data.windows.resting[used, joint],
-            static_friction(unknowns, joint, solution.value),
-            float(solution.noise.deviation[joint])))
+        self._weight = np.sqrt(
+            resting_weight(
+                data.windows.resting[used, joint],
+                static_friction(unknowns, joint, solution.value),
+                float(solution.noise.deviation[joint]),
+            )
+        )
         self._friction = columns[:, unknowns.of_joint(joint)]
         # The torque that the bodies without each block leave, in all windows.
-        self._targets = [data.beyond_model[used, joint] - columns[:, :bodies] @ value[:bodies]
-                         for value in solution.left_out]
+        self._targets = [
+            data.beyond_model[used, joint] - columns[:, :bodies] @ value[:bodies]
+            for value in solution.left_out
+        ]
         self._ridge = 1.0 / float(np.sqrt(solution.noise.information[joint]))
         self.without = self.squares(())
 
@@ -243,8 +258,9 @@ class _JointTrial:
 
         The other blocks predict it. It is infinite where they give an impossible coefficient.
         """
-        added = [term.column(self._data.windows, self._data.drive_sign)[self._used]
-                 for term in terms]
+        added = [
+            term.column(self._data.windows, self._data.drive_sign)[self._used] for term in terms
+        ]
         columns = np.column_stack((self._friction, *added)) * self._weight[:, None]
         ridge = self._ridge * np.eye(columns.shape[1])
         first = self._friction.shape[1]
@@ -257,7 +273,9 @@ class _JointTrial:
             y = self._weight * target
             value = np.linalg.lstsq(
                 np.vstack((columns[~left_out], ridge)),
-                np.concatenate((y[~left_out], np.zeros(len(ridge)))), rcond=None)[0]
+                np.concatenate((y[~left_out], np.zeros(len(ridge)))),
+                rcond=None,
+            )[0]
             squares[k] = np.square(y[left_out] - columns[left_out] @ value).sum()
             if (value[not_negative] < 0.0).any():
                 squares[k] = np.inf

@@ -124,9 +124,9 @@ MESSAGES = {
         '{model_rms:.3g} N*m.',
         f'Look at the figure of its torque, and r{_RECORD_AGAIN}'),
     Reason.UNEXPLAINED: Message(
-        'unexplained torque', '{identified_rms:.3g} of {recording_rms:.3g} N*m RMS of unseen '
-        'torque is not explained. {systematic_rms:.2g} N*m of it lasts longer than noise. ka '
-        'contains it.',
+        'unexplained torque', 'Unseen torque of {recording_rms:.3g} N*m RMS leaves '
+        '{identified_rms:.3g} N*m unexplained, of which {systematic_rms:.2g} N*m last longer than '
+        'noise. ka contains them.',
         'Look for its cause in the figure of its torque.'),
     Reason.UNCERTAIN: Message(
         'wide interval', 'The motion shows the friction only within wide intervals: {estimates}.',
@@ -220,11 +220,11 @@ def next_step(verdicts: Sequence[Verdict]) -> str:
         names = [x.joint for x in verdicts if x.severity == severity]
         if names:
             joints = 'all joints' if len(names) == len(verdicts) else ', '.join(names)
-            groups.append(f'{severity.label}: {joints}')
+            groups.append(f'{severity.label.capitalize()}: {joints}.')
     step = 'run with identified.yaml'
     if not all(x.usable for x in verdicts):
         step = 'resolve the findings below'
-    sentences = [f'{"; ".join(groups)}.', f'Next: {step}.']
+    sentences = [*groups, f'Next: {step}.']
     moving = ','.join(x.joint for x in verdicts if x.needs_motion)
     if moving:
         sentences.append(

@@ -92,8 +92,13 @@ MOTION = MotionOfFile()
 TRIAL = TrialLimits()
 
 
-def parameter_values(identified: Identification, recommended: Recommendation, model: Model,
-                     shared: Mapping[str, Any], gains: tuple[Any, Any] | None) -> Values:
+def parameter_values(
+    identified: Identification,
+    recommended: Recommendation,
+    model: Model,
+    shared: Mapping[str, Any],
+    gains: tuple[Any, Any] | None,
+) -> Values:
     """
     Return the values by node and parameter.
 
@@ -119,18 +124,29 @@ def parameter_values(identified: Identification, recommended: Recommendation, mo
     limits = getattr(model, 'position_limits', None) or [(-np.inf, np.inf)]
     start = np.clip(identified.positions.poses[0], *np.array(limits).T)
     return {
-        '/**': {'joint_names': list(identified.joints),
-                'control_period': round(identified.clock.period, 9), **shared},
-        'plant': {'experiment': 'identified', 'pacing': 'lockstep', 'duration': MOTION.duration_s,
-                  'initial_position': _rounded(start), **_plant(identified)},
+        '/**': {
+            'joint_names': list(identified.joints),
+            'control_period': round(identified.clock.period, 9),
+            **shared,
+        },
+        'plant': {
+            'experiment': 'identified',
+            'pacing': 'lockstep',
+            'duration': MOTION.duration_s,
+            'initial_position': _rounded(start),
+            **_plant(identified),
+        },
         'controller': {**_loop_gains(gains, len(start)), **recommended.values},
-        'reference': {'start_duration': MOTION.start_s, **_reference(identified, model)}}
+        'reference': {'start_duration': MOTION.start_s, **_reference(identified, model)},
+    }
 
 
 def _loop_gains(gains: tuple[Any, Any] | None, n: int) -> dict[str, Any]:
     """Return kp and kv of n joints."""
-    return {name: np.broadcast_to(x, max(n, np.size(x))).tolist()
-            for name, x in zip(('kp', 'kv'), gains or PAPER_GAINS)}
+    return {
+        name: np.broadcast_to(x, max(n, np.size(x))).tolist()
+        for name, x in zip(('kp', 'kv'), gains or PAPER_GAINS)
+    }
 
 
 def _plant(identified: Identification) -> dict[str, Any]:
@@ -155,9 +171,11 @@ def _plant(identified: Identification) -> dict[str, Any]:
         'fault_damping': _rounded(np.maximum(5.0 * coulomb, 1e-3)),
         'input_delay': int(drive.delay) if np.isfinite(drive.delay) else 0,
         'actuator_lag': _rounded(drive.lag),
-        'torque_rate_limit': [np.inf if x.value is None else rounded(x.value, 6)
-                              for x in identified.rate],
-        **_sensors(identified)}
+        'torque_rate_limit': [
+            np.inf if x.value is None else rounded(x.value, 6) for x in identified.rate
+        ],
+        **_sensors(identified),
+    }
 
 
 def _sensors(identified: Identification) -> dict[str, Any]:
@@ -192,8 +210,12 @@ def _reference(identified: Identification, model: Model) -> dict[str, Any]:
     frequency = np.linspace(MOTION.first_frequency_hz, MOTION.last_frequency_hz, n)
     largest = np.minimum(0.5 * (high - low), fastest / (2.0 * np.pi * frequency))
     amplitude = MOTION.range_part * largest
-    return {'center': _rounded(0.5 * (low + high)), 'amplitude': _rounded(amplitude),
-            'frequency': _rounded(frequency, 3), 'phase': _rounded(0.5 * np.arange(n), 3)}
+    return {
+        'center': _rounded(0.5 * (low + high)),
+        'amplitude': _rounded(amplitude),
+        'frequency': _rounded(frequency, 3),
+        'phase': _rounded(0.5 * np.arange(n), 3),
+    }
 
 
 def _rounded(values: npt.ArrayLike, digits: int = 6) -> list[float]:
@@ -201,9 +223,14 @@ def _rounded(values: npt.ArrayLike, digits: int = 6) -> list[float]:
     return [rounded(x, digits) for x in np.asarray(values, float).tolist()]
 
 
-def trial_runs(identified: Identification, run: MeasuredPerturbation, recommended: Recommendation,
-               setups: Sequence[Setup], count: int = COMPILED_COUNT, seed: int = 1
-               ) -> Recommendation:
+def trial_runs(
+    identified: Identification,
+    run: MeasuredPerturbation,
+    recommended: Recommendation,
+    setups: Sequence[Setup],
+    count: int = COMPILED_COUNT,
+    seed: int = 1,
+) -> Recommendation:
     """
     Return the recommendation that survives all draws.
 
@@ -221,23 +248,33 @@ def trial_runs(identified: Identification, run: MeasuredPerturbation, recommende
     """
     *tried, plain = setups
     draws = list(draw_robots(identified, run, plain.plant, count, seed))
-    allowed = [_allowed_error(plain, score(plain.changed(draw.values), WHOLE_TRIAL))
-               for draw in draws]
+    allowed = [
+        _allowed_error(plain, score(plain.changed(draw.values), WHOLE_TRIAL)) for draw in draws
+    ]
     trials: list[Trial] = []
     for option, setup in zip(recommended.options, tried):
-        failures = (_find_failure(number, draw, score(setup.changed(draw.values), WHOLE_TRIAL),
-                                  errors, identified.joints)
-                    for number, (draw, errors) in enumerate(zip(draws, allowed), 1))
+        failures = (
+            _find_failure(
+                number,
+                draw,
+                score(setup.changed(draw.values), WHOLE_TRIAL),
+                errors,
+                identified.joints,
+            )
+            for number, (draw, errors) in enumerate(zip(draws, allowed), 1)
+        )
         trials.append(Trial(pole_of(option), count, next(filter(None, failures), None)))
         if trials[-1].failed is None:
             return dataclasses.replace(recommended, values=option, trials=tuple(trials))
     refusal = Finding(Reason.NO_GAINS, Severity.REFUSED, values={'trial': trials[-1]})
     return dataclasses.replace(
-        recommended, trials=tuple(trials), findings=(*recommended.findings, refusal))
+        recommended, trials=tuple(trials), findings=(*recommended.findings, refusal)
+    )
 
 
-def setups_tried(recommended: Recommendation, values: Values,
-                 gains: tuple[Any, Any] | None = None) -> list[Setup]:
+def setups_tried(
+    recommended: Recommendation, values: Values, gains: tuple[Any, Any] | None = None
+) -> list[Setup]:
     """
     Return the setup of each option and, last, that of `compensation`.
 
@@ -252,18 +289,29 @@ def setups_tried(recommended: Recommendation, values: Values,
 
     """
     plant, reference, loop = (values[name] for name in ('plant', 'reference', 'controller'))
-    plain = {'law': 'compensation', 'input_delay': loop['input_delay'],
-             **_loop_gains(gains, len(values['/**']['joint_names']))}
-    short = {'plant': {**plant, 'duration': TRIAL.duration_s,
-                       'initial_position': reference['center']},
-             'reference': {**reference, 'start_duration': TRIAL.start_s}}
+    plain = {
+        'law': 'compensation',
+        'input_delay': loop['input_delay'],
+        **_loop_gains(gains, len(values['/**']['joint_names'])),
+    }
+    short = {
+        'plant': {**plant, 'duration': TRIAL.duration_s, 'initial_position': reference['center']},
+        'reference': {**reference, 'start_duration': TRIAL.start_s},
+    }
     options = [{**loop, **option} for option in recommended.options]
-    return [parameter_file.load(None, {**values, **short, 'controller': controller})
-            for controller in (*options, plain)]
+    return [
+        parameter_file.load(None, {**values, **short, 'controller': controller})
+        for controller in (*options, plain)
+    ]
 
 
-def draw_robots(identified: Identification, run: MeasuredPerturbation, plant: PlantConfig,
-                count: int, seed: int) -> Iterator[Draw]:
+def draw_robots(
+    identified: Identification,
+    run: MeasuredPerturbation,
+    plant: PlantConfig,
+    count: int,
+    seed: int,
+) -> Iterator[Draw]:
     """
     Yield robots at the ends of the intervals.
 
@@ -287,16 +335,29 @@ def draw_robots(identified: Identification, run: MeasuredPerturbation, plant: Pl
         scale, friction_end = 1.0 + error * (2 * (k & 1) - 1), (k & 2) - 1
         delay, lags = drives[k // 4 % len(drives)]
         lag = lags[0] + (lags[2] - lags[0]) * rng.uniform(size=len(lag))
-        rate = [limit if estimate.value is None else max(limit - estimate.half, 0.1 * limit)
-                for limit, estimate in zip(plant.torque_rate_limit, identified.rate)]
+        rate = [
+            limit if estimate.value is None else max(limit - estimate.half, 0.1 * limit)
+            for limit, estimate in zip(plant.torque_rate_limit, identified.rate)
+        ]
         frequency = rng.uniform(*TRIAL.unexplained_frequencies, len(lag))
-        yield Draw(delay, lag, scale, friction_end, {
-            'plant': {**_friction_at(identified, plant, friction_end), 'torque_rate_limit': rate,
-                      'input_delay': int(delay), 'actuator_lag': lag.tolist(),
-                      'disturbance.amplitude': (run.tail + run.error).tolist(),
-                      'disturbance.frequency': frequency.tolist(),
-                      'noise_seed': int(rng.integers(2 ** 31))},
-            'controller': {'inertia_scale': scale, 'gravity_scale': scale}})
+        yield Draw(
+            delay,
+            lag,
+            scale,
+            friction_end,
+            {
+                'plant': {
+                    **_friction_at(identified, plant, friction_end),
+                    'torque_rate_limit': rate,
+                    'input_delay': int(delay),
+                    'actuator_lag': lag.tolist(),
+                    'disturbance.amplitude': (run.tail + run.error).tolist(),
+                    'disturbance.frequency': frequency.tolist(),
+                    'noise_seed': int(rng.integers(2**31)),
+                },
+                'controller': {'inertia_scale': scale, 'gravity_scale': scale},
+            },
+        )
 
 
 def _friction_at(identified: Identification, plant: PlantConfig, end: int) -> dict[str, Any]:
@@ -317,13 +378,21 @@ def _allowed_error(setup: Setup, usual: Score) -> Array:
     return np.maximum(tracked, TRIAL.min_error_steps * np.array(setup.plant.encoder_resolution))
 
 
-def _find_failure(number: int, draw: Draw, trial: Score, allowed: Array, joints: Sequence[str]
-                  ) -> FailedDraw | None:
+def _find_failure(
+    number: int, draw: Draw, trial: Score, allowed: Array, joints: Sequence[str]
+) -> FailedDraw | None:
     """Return the failure of gains on a robot, if any."""
     if trial.failure:
         return FailedDraw(number, draw, trial.failure)
     joint = int(np.argmax(np.divide(trial.rms, allowed)))
-    failed = FailedDraw(number, draw, '', joints[joint], trial.rms[joint], float(allowed[joint]),
-                        trial.saturated or 0.0)
+    failed = FailedDraw(
+        number,
+        draw,
+        '',
+        joints[joint],
+        trial.rms[joint],
+        float(allowed[joint]),
+        trial.saturated or 0.0,
+    )
     is_wrong = failed.error > failed.allowed or failed.saturated > TRIAL.max_saturated
     return failed if is_wrong else None

@@ -86,9 +86,12 @@ class Verdict(NamedTuple):
 
     @property
     def doubts(self) -> tuple[Finding, ...]:
-        """Findings on this joint alone, without notes."""
-        return tuple(finding for finding in self.findings
-                     if finding.joint != ALL_JOINTS and finding.severity > Severity.NOTE)
+        """Return the findings on this joint alone, without notes."""
+        return tuple(
+            finding
+            for finding in self.findings
+            if finding.joint != ALL_JOINTS and finding.severity > Severity.NOTE
+        )
 
     @property
     def needs_motion(self) -> bool:
@@ -109,12 +112,18 @@ def verdicts(identified: Identification, later: Sequence[Finding] = ()) -> list[
 
     """
     # A joint that is refused for another reason is not predicted either.
-    refused = {finding.joint for finding in identified.findings
-               if finding.severity == Severity.REFUSED}
-    judged = [finding for joint in range(len(identified.joints)) if joint not in refused
-              for finding in _judge(identified, joint)]
-    findings = sorted((*identified.findings, *judged, *later),
-                      key=lambda finding: -finding.severity)
+    refused = {
+        finding.joint for finding in identified.findings if finding.severity == Severity.REFUSED
+    }
+    judged = [
+        finding
+        for joint in range(len(identified.joints))
+        if joint not in refused
+        for finding in _judge(identified, joint)
+    ]
+    findings = sorted(
+        (*identified.findings, *judged, *later), key=lambda finding: -finding.severity
+    )
     result = []
     for joint, name in enumerate(identified.joints):
         of_joint = tuple(finding for finding in findings if finding.joint in (joint, ALL_JOINTS))
@@ -129,8 +138,16 @@ def _judge(identified: Identification, joint: int) -> Iterator[Finding]:
         yield Finding(Reason.NOT_EXCITED, Severity.REFUSED, joint)
         return
     prediction = identified.prediction
-    values = {name: float(getattr(prediction, name)[joint]) for name in (
-        'recording_rms', 'model_rms', 'identified_rms', 'typical_rms', 'systematic_rms')}
+    values = {
+        name: float(getattr(prediction, name)[joint])
+        for name in (
+            'recording_rms',
+            'model_rms',
+            'identified_rms',
+            'typical_rms',
+            'systematic_rms',
+        )
+    }
     lasting, typical = values['systematic_rms'], values['typical_rms']
     friction = _friction_rms(identified, joint)
     negligible = LIMITS.negligible * friction
@@ -138,13 +155,19 @@ def _judge(identified: Identification, joint: int) -> Iterator[Finding]:
     if values['identified_rms'] > no_better and lasting > negligible:
         yield Finding(Reason.NOT_PREDICTED, Severity.REFUSED, joint, values)
         return
-    if (lasting > max(LIMITS.max_lasting * typical, negligible)
-            or typical > LIMITS.max_unexplained * friction):
+    if (
+        lasting > max(LIMITS.max_lasting * typical, negligible)
+        or typical > LIMITS.max_unexplained * friction
+    ):
         yield Finding(Reason.UNEXPLAINED, Severity.CARE, joint, values)
     yield from _find_wide_intervals(identified, joint)
     for coupled in identified.friction[joint].coupled:
-        yield Finding(Reason.COUPLED, Severity.CARE, joint,
-                      {'coupled_joint': identified.joints[coupled.joint]})
+        yield Finding(
+            Reason.COUPLED,
+            Severity.CARE,
+            joint,
+            {'coupled_joint': identified.joints[coupled.joint]},
+        )
 
 
 def _find_wide_intervals(identified: Identification, joint: int) -> Iterator[Finding]:
@@ -152,8 +175,11 @@ def _find_wide_intervals(identified: Identification, joint: int) -> Iterator[Fin
     friction = identified.friction[joint]
     smallest = LIMITS.min_friction * float(identified.prediction.recording_rms[joint])
     widest = LIMITS.max_half_interval * max(abs(friction.coulomb.number()), smallest)
-    wide = {name: estimate for name, estimate in (
-        ('Coulomb', friction.coulomb), ('Stribeck', friction.stribeck)) if estimate.half > widest}
+    wide = {
+        name: estimate
+        for name, estimate in (('Coulomb', friction.coulomb), ('Stribeck', friction.stribeck))
+        if estimate.half > widest
+    }
     if wide:
         yield Finding(Reason.UNCERTAIN, Severity.CARE, joint, {'estimates': wide})
 

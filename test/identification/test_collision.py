@@ -106,7 +106,7 @@ def test_links_near_each_other_at_rest_keep_half_of_that_and_touching_ones_are_n
     assert checked(wide, rest).pairs == [('a', 'c'), ('b', 'c')]
 
 
-def test_a_floor() -> None:
+def test_links_keep_their_distance_from_a_floor() -> None:
     links = checked(balls(), floor=-0.3)
     assert links.pairs == [('a', 'b'), ('a', 'the floor'), ('b', 'the floor')]
     q = path(0)

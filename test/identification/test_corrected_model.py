@@ -62,7 +62,7 @@ def identified(name: str, fault: str, seed: int, duration: float = 15.0
 
 @pytest.mark.parametrize('fault', [
     'forearm', pytest.param('tilt', marks=pytest.mark.slow), 'plain'])
-def test_two_links(fault: str) -> None:
+def test_the_corrected_model_of_two_links_is_right(fault: str) -> None:
     """The right model stays; 1 kg more, or a turned base, is in the corrected one."""
     robot, urdf, found = identified('two_link_urdf', fault, 1, 10.0)
     text = corrected_description(found, urdf)
@@ -77,7 +77,7 @@ def test_two_links(fault: str) -> None:
 @pytest.mark.parametrize('name', ['ur5', 'panda'])
 @pytest.mark.parametrize('fault', ['rotor', 'tilt', 'centres', 'forearm', 'payload'])
 @pytest.mark.parametrize('seed', range(2))
-def test_faulty_robots(name: str, fault: str, seed: int) -> None:
+def test_corrected_models_of_faulty_robots_are_closer(name: str, fault: str, seed: int) -> None:
     """Closer on every joint whose model was wrong, never worse than by a trifle."""
     robot, urdf, found = identified(name, fault, seed)
     text = corrected_description(found, urdf)

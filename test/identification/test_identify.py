@@ -244,7 +244,7 @@ def test_one_direction_does_not_tell_coulomb_friction_from_an_offset() -> None:
 
 
 @pytest.mark.slow
-def test_100_hz() -> None:
+def test_a_robot_at_100_hz() -> None:
     made = record('two_link', 6, 30.0, period=0.01, plant={'input_delay': 1},
                   controller={'kp': [50.0] * 2, 'kv': [20.0] * 2})
     found = of(made)

@@ -101,7 +101,7 @@ def test_little_friction_of_joint_torque_sensors_beside_wrong_bodies() -> None:
         assert friction.viscous.number() >= 0.0
 
 
-def test_friction_that_is_quadratic_is_no_stribeck_friction_without_a_doubt() -> None:
+def test_quadratic_friction_leaves_stribeck_friction_uncertain() -> None:
     """Stribeck friction explains most of it, with less Coulomb friction than there is."""
     velocity = 4.0 * velocities(COUNT, 1)
     torque = 2.0 * np.sign(velocity) + 0.1 * velocity * np.abs(velocity)

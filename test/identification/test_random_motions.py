@@ -56,7 +56,7 @@ def test_a_multisine_has_its_frequencies_and_is_at_rest_at_its_ends() -> None:
     assert power[frequency < 0.55].sum() > 0.99 * power.sum()
 
 
-def test_a_motion_is_what_the_reference_plays_of_its_waypoints() -> None:
+def test_the_reference_plays_a_motion_from_its_waypoints() -> None:
     n = 3
     config = ExcitationConfig(('a', 'b', 'c'), 45.0, (0.3, 0.0, -0.2), (0.0, 0.1, 0.2), poses=2)
     bounds = Bounds(np.array(config.center), *(np.full(n, x) for x in (0.8, 1.0, 4.0)))

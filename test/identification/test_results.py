@@ -92,7 +92,7 @@ def test_lines_of_the_terminal_are_short_and_verdicts_come_first() -> None:
     assert max(map(len, lines)) <= WIDTH == 100
     assert lines[0] == 'Verdict'
     # First of all which joints are usable, and what to do next.
-    assert lines[1].startswith(f'  usable with care: {NAMES[0]},')
+    assert lines[1].startswith(f'  Usable with care: {NAMES[0]},')
     # Then the doubts that all joints share, and those of each.
     starts = [next(k for k, line in enumerate(lines) if line.startswith(f'  {start}: '))
               for start in ('all joints', NAMES[0], f'{NAMES[2]}: not usable')]
@@ -171,7 +171,7 @@ def verdicts_of(n: int) -> list[Verdict]:
 
 
 @pytest.mark.parametrize('n', [2, 7])
-def test_nothing_is_over_a_label_and_a_joint_that_is_not_usable_has_no_curve(n: int) -> None:
+def test_a_friction_figure_has_no_curve_of_an_unusable_joint(n: int) -> None:
     friction = friction_figure(made_up(n), verdicts_of(n))
     assert not overlaps(friction.figure)
     good, bad = friction.figure.axes[:2]

@@ -77,7 +77,7 @@ def test_friction_of_the_load_is_that_of_the_torque_of_the_model() -> None:
     assert coefficient(solution, TermKind.LOAD) == pytest.approx(0.1, rel=0.05)
 
 
-def test_a_dead_band_of_commands_and_of_nothing_else() -> None:
+def test_only_commands_have_a_dead_band() -> None:
     def band(rows: Windows) -> Array:
         friction = COULOMB * rows.direction[:, 0] + 0.5 * rows.velocity[:, 0]
         return 0.5 * np.sign(rows.model_torque[:, 0] + friction)

@@ -74,16 +74,16 @@ def test_a_verdict_has_the_sentences_of_its_worst_findings() -> None:
 def test_the_next_step_depends_on_the_verdicts() -> None:
     good = Verdict('a', Severity.NOTE, ())
     still = Verdict('b', Severity.REFUSED, (Finding(Reason.NOT_EXCITED, Severity.REFUSED, 1),))
-    assert next_step([good]) == 'usable: all joints. Next: run with identified.yaml.'
+    assert next_step([good]) == 'Usable: all joints. Next: run with identified.yaml.'
     assert next_step([good, still]) == (
-        'usable: a; not usable: b. Next: resolve the findings below. `ctc excite --for b` makes a '
+        'Usable: a. Not usable: b. Next: resolve the findings below. `ctc excite --for b` makes a '
         'motion that shows more of these joints.')
 
 
 def test_a_trial_names_the_robot_on_which_gains_fail() -> None:
     start = 'The gains with p = 50 rad/s '
     assert trial_text(Trial(50.0, 6)) == f'{start}survive on all of 6 simulated robots.'
-    end = (". This robot has delay 1, lag 0.003 s, friction at the lower end of its interval, and "
+    end = ('. This robot has delay 1, lag 0.003 s, friction at the lower end of its interval, and '
            "the model is 1.05 of the robot's.")
     for failed, cause in (
             (FailedDraw(2, DRAW, 'it diverged'), 'it diverged'),

@@ -88,7 +88,7 @@ def test_the_pole_steps_down_until_all_draws_survive(monkeypatch: pytest.MonkeyP
     assert last is None
 
 
-def test_gains_of_which_none_survives_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gains_are_refused_if_none_survive(monkeypatch: pytest.MonkeyPatch) -> None:
     finding = surviving(monkeypatch, 1.0).findings[-1]
     assert (finding.reason, finding.severity) == (Reason.NO_GAINS, Severity.REFUSED)
     assert finding.values['trial'].failed is not None

@@ -295,7 +295,7 @@ def test_limits_that_no_motion_keeps_are_refused(
 
 
 @pytest.mark.slow
-def test_the_duration_that_a_refusal_names_would_do(tmp_path: Path) -> None:
+def test_the_duration_that_a_refusal_names_is_enough(tmp_path: Path) -> None:
     result = ctc('excite', '--params-file', 'panda', '--evaluations', '1', '--duration', '20',
                  '--velocity-scale', '0.2', '--out', tmp_path / 'short')
     found = re.search(r'at least (\d+) s', result.stderr)
@@ -321,8 +321,7 @@ def test_a_motion_for_one_joint_moves_the_others_little(tmp_path: Path) -> None:
             'no joint is called panda_joint8', 'panda_joint7?')
 
 
-def test_the_motion_of_the_reference_may_exceed_the_limits(tmp_path: Path
-                                                                             ) -> None:
+def test_the_motion_of_the_reference_may_exceed_the_limits(tmp_path: Path) -> None:
     text = (ROOT / 'config' / 'panda.yaml').read_text()
     file = tmp_path / 'fast.yaml'
     file.write_text(re.sub(r'frequency: \[.*\]', f'frequency: [{", ".join(7 * ["9.0"])}]', text))
@@ -406,7 +405,7 @@ def test_an_impossible_motion_is_refused_with_the_limit_that_it_breaks() -> None
         Bench(center=(0.2, 1.2)).first(3)
 
 
-def test_it_is_the_first_that_is_as_large_as_any_can_be() -> None:
+def test_the_first_of_the_largest_motions_is_taken() -> None:
     """Of a count of one motion it is smaller than of many, and among these the first."""
     bench = Bench(center=(0.7, 1.2))
     kept = [to_the_wall(bench.drawn(seed)[0]).min() >= 0.05 for seed in range(10)]
