@@ -12,7 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Conventions of a recorded torque: unit, sign, order, and mounting of the base.
+Conventions of a recorded torque.
+
+They are its unit, its sign, the order of its joints, and the mounting of the base.
 
 `identify` calls these checks once the windows are computed. They refuse a torque of another unit,
 sign or order, since the regression would make wrong masses out of it. The torque of each joint is
@@ -89,7 +91,7 @@ class Conventions(NamedTuple):
 # Factors of a torque.
 
 class Factor(NamedTuple):
-    """Factor of a column of the torque, with its standard error or inf."""
+    """Factor of a column, with its standard error or inf."""
 
     value: float
     error: float
@@ -142,7 +144,9 @@ class Factors(NamedTuple):
 
 def fit_model(data: Observations, joint: int, signal: int | None = None) -> Factors:
     """
-    Return factors of a torque, those of weight and inertial torque first.
+    Return factors of a torque.
+
+    The first two are those of weight and inertial torque.
 
     With `signal`, it is the torque of another joint, over the motion of this one.
     """
@@ -233,7 +237,7 @@ def _is_possible(factor: Factor) -> bool:
 
 
 def _other_unit(joint: int, factor: Factor, source: str) -> Finding:
-    """Return the finding on a joint with another weight than the model."""
+    """Return the finding on another weight than the model's."""
     reason, severity = Reason.UNITS, Severity.REFUSED
     if factor.value > LIMITS.max_factor:
         reason, severity = Reason.TOOL, Severity.CARE

@@ -207,7 +207,7 @@ def _find_weak_drives(peak: Array, ka: Array, effort: Array) -> Iterator[Finding
 
 
 def round_to_digits(value: float, digits: int, rounding: Callable[[float], float]) -> float:
-    """Return a value >= 0, rounded to digits by `np.ceil` or `np.floor`."""
+    """Return a value >= 0, rounded up or down to digits."""
     if value <= 0.0:
         return 0.0
     unit = 10.0 ** (floor(log10(value)) - digits + 1)
