@@ -26,8 +26,8 @@ from functools import cached_property
 from typing import Any
 
 from ctc_chattering.dynamics.corrected_urdf import corrected_urdf
+from ctc_chattering.identification.conventions import angle_between
 from ctc_chattering.identification.findings import Estimate, Gap
-from ctc_chattering.identification.mounting import angle_between
 from ctc_chattering.identification.prior import finite_efforts, LEAST_ROTOR_PER_EFFORT
 from ctc_chattering.identification.regression import Fit
 from ctc_chattering.identification.regressor import BodyRegressor

@@ -78,7 +78,7 @@ class Profile:
 
     @cached_property
     def data(self) -> Observations:
-        """All windows with their torques, of which those that slide one way are used."""
+        """All windows, of which those that slide one way are used."""
         torque = self.torque(Drive.ideal(self.joint_count))
         data = Observations.of(join_windows(self.windows), torque)
         slides = np.abs(data.windows.direction) > 1.0 - 1e-9
@@ -105,7 +105,7 @@ class Profile:
         return bases
 
     def torque(self, drive: Drive) -> Array:
-        """Return the weak torque of all windows, shape (J, n), nan if unknown."""
+        """Return the weak torque or nan, shape (J, n)."""
         return np.concatenate([
             known_torque(stretch, windows.centres, self.source, self.phi, drive)
             for stretch, windows in zip(self.stretches, self.windows)])
@@ -316,7 +316,7 @@ class DriveSearch:
 
     def rate_limits(self) -> Array:
         """
-        Return the lowest, best and highest rate limits, shape (3, n) [N·m/s].
+        Return lowest, best and highest rate limits, (3, n) [N·m/s].
 
         Those that are excluded next to possible ones count as the ends.
         """
@@ -352,7 +352,7 @@ class DriveSearch:
         return delays
 
     def _lag_limits(self, joint: int, j: int) -> Array:
-        """Return lowest, best and highest lag with a delay, shape (3,) [s]."""
+        """Return lowest, best and highest lag, shape (3,) [s]."""
         squares = self._least[joint, j]
         best = int(np.argmin(squares))
         noise = max(self._noise[joint], 1e-300)

@@ -189,7 +189,7 @@ def known_torque(
         source: str,
         phi: TestFunction,
         drive: Drive) -> Array:
-    """Return the weak torque of windows, shape (J, n) [N·m], nan if unknown."""
+    """Return the weak torque or nan, shape (J, n) [N·m]."""
     values = np.asarray(stretch.torque(source))
     torque = weak_torque(values, drive, stretch.period, phi, centres)
     samples_before = phi.half + int(np.ceil(drive.delay))

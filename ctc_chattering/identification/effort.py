@@ -12,23 +12,39 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Choice of the torque, commanded or measured, in N·m.
+Torque that is used, commanded or measured, and its constants.
 
-`identify` asks which torque it may use, and has the effort multiplied by constants of the user.
+`identify` asks which torque it may use. An effort becomes the torque at the joint by constants of
+the user. For currents without them, the constant is that with which they carry the model. Motions
+with and without a known payload show constants apart from masses.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 import dataclasses
+from typing import NamedTuple
 
 from ctc_chattering.errors import ParameterError, UsageError
+from ctc_chattering.identification.conventions import (
+    Conventions,
+    Factor,
+    Factors,
+    fit_beside_any_gravity,
+    friction_columns,
+)
+from ctc_chattering.identification.findings import Estimate, Finding, Gap, Reason, Severity
+from ctc_chattering.identification.friction_terms import FrictionTerm, TermKind
+from ctc_chattering.identification.prior import BodyPrior
 from ctc_chattering.identification.recording import (
     Recording,
     RecordingError,
     RecordingFault,
 )
+from ctc_chattering.identification.regression import fit, Observations, Unknowns
+from ctc_chattering.identification.selection import basic_terms
 from ctc_chattering.identification.stretches import COMMAND, EFFORT, Stretch
+from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import checked_vector
 import numpy as np
 
@@ -117,3 +133,108 @@ def convert_effort(
             recording = dataclasses.replace(recording, effort=recording.effort * factor)
         converted.append(recording)
     return converted, MOTOR if side == CURRENT else side
+
+
+# Constants that the recording shows.
+
+def estimate_current_constants(
+        data: Observations,
+        rotors: Array,
+        efforts: Array) -> Conventions:
+    """
+    Return the torque per ampere of each joint.
+
+    It is that with which the current carries the model. For a joint whose current does not show
+    it, that of the others is taken, in proportion to the effort limits.
+
+    Parameters
+    ----------
+    data : Observations
+        Windows with the currents.
+    rotors : ndarray, shape (J, n)
+        Torque of the rotors that are assumed beside the model [N·m]. The change of the constant
+        without them is part of its error.
+    efforts : ndarray, shape (n,)
+        Effort limits [N·m], 0 where there is none.
+
+    """
+    constant = np.ones(len(efforts))
+    errors = np.full(len(efforts), np.inf)
+    findings = []
+    model = data.windows.model_torque
+    unknown = []
+    for joint in np.flatnonzero(data.moving).tolist():
+        value, error = _fit_model_factor(data, joint, model + rotors)
+        rigid = _fit_model_factor(data, joint, model)
+        error = float(np.hypot(error, value - rigid.value))
+        if error > 0.25 * abs(value):  # The model does not show it.
+            unknown.append(joint)
+            continue
+        constant[joint] = 1.0 / value
+        errors[joint] = error / value ** 2
+        findings.append(Finding(Reason.URDF_CONSTANT, Severity.CARE, joint, {
+            'constant': constant[joint], 'error': 2.0 * error / abs(value)}))
+    is_usable = np.isfinite(errors) & (efforts > 0.0)
+    per_effort = np.abs(constant[is_usable]) / efforts[is_usable]
+    typical = float(np.median(per_effort)) if is_usable.any() else 0.0
+    for joint in unknown:
+        size = typical * efforts[joint]
+        if not size:
+            findings.append(Finding(Reason.NO_CONSTANT, Severity.REFUSED, joint))
+            continue
+        constant[joint] = size * (fit_beside_any_gravity(data, joint).factors[0].sign or 1.0)
+        errors[joint] = 0.5 * size  # It is a guess.
+        findings.append(Finding(
+            Reason.OTHERS_CONSTANT,
+            Severity.CARE,
+            joint,
+            {'constant': constant[joint]}))
+    estimates = [
+        Estimate(value, 2.0 * error) if np.isfinite(error) else
+        Estimate.unknown(Gap.NOT_SHOWN)
+        for value, error in zip(constant.tolist(), errors.tolist())]
+    return Conventions(constant, tuple(findings), tuple(estimates))
+
+
+def _fit_model_factor(data: Observations, joint: int, model_torque: Array) -> Factor:
+    """Return the factor of a model's torque, shape (J, n) [N·m]."""
+    used = data.used[:, joint]
+    columns = np.column_stack((model_torque[used, joint], friction_columns(data, joint, used)))
+    return Factors.fit(columns, data.torque[used, joint]).factors[0]
+
+
+class ScaledTorque(NamedTuple):
+    """Windows with the torque at the joints, and its constants."""
+
+    data: Observations
+    constant: list[Estimate]
+
+
+def scale_by_payload(data: Observations, prior: BodyPrior) -> ScaledTorque:
+    """
+    Return windows with the torque that a known payload shows.
+
+    The payload is in the torque of the model, and the bodies are the same in all motions.
+
+    Parameters
+    ----------
+    data : Observations
+        Windows of motions with and without a known payload.
+    prior : BodyPrior
+        Prior of the bodies.
+
+    """
+    moving = np.flatnonzero(data.moving).tolist()
+    terms = [term for joint in moving for term in basic_terms(data, joint)]
+    # A constant deviates by 0.3 before any data.
+    scales = [FrictionTerm(TermKind.SCALE, joint, 0.3) for joint in moving]
+    solution = fit(data, Unknowns(prior, (*terms, *scales)))
+    constant = np.ones(data.joint_count)
+    estimates = [Estimate.unknown(Gap.HARDLY_MOVES)] * data.joint_count
+    for joint in moving:
+        row = solution.unknowns.row(joint, TermKind.SCALE)
+        # The signal is 1 + x times the torque.
+        constant[joint] = 1.0 / (1.0 + float(row @ solution.value))
+        half = float(solution.half_interval(row)) * constant[joint] ** 2
+        estimates[joint] = Estimate(float(constant[joint]), half)
+    return ScaledTorque(data.scaled(constant), estimates)

@@ -27,12 +27,22 @@ import dataclasses
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.bodies import IdentifiedBodies
-from ctc_chattering.identification.conventions import check_order, check_sign, check_torque
+from ctc_chattering.identification.conventions import (
+    check_order,
+    check_sign,
+    check_torque,
+    estimate_gravity,
+)
 from ctc_chattering.identification.drives import Drive, known_torque
-from ctc_chattering.identification.effort import choose_source, CURRENT, LINK
+from ctc_chattering.identification.effort import (
+    choose_source,
+    CURRENT,
+    estimate_current_constants,
+    LINK,
+    scale_by_payload,
+)
 from ctc_chattering.identification.findings import Estimate, Finding
 from ctc_chattering.identification.friction import joint_friction, JointFriction
-from ctc_chattering.identification.mounting import estimate_gravity
 from ctc_chattering.identification.prediction import Prediction
 from ctc_chattering.identification.prior import (
     assumed_rotors,
@@ -57,10 +67,6 @@ from ctc_chattering.identification.timing import (
     find_timing_doubts,
     identify_timing,
     Timing,
-)
-from ctc_chattering.identification.torque_constants import (
-    estimate_current_constants,
-    scale_by_payload,
 )
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.identification.windows import join_windows, Windows
@@ -180,9 +186,9 @@ def identify_recordings(recordings: Sequence[Recording], model: Model,
     is_current = signal.side == CURRENT and motion.source == EFFORT
     if is_current:
         conventions = estimate_current_constants(
-            data, joints, _rotor_torque(data, regressor), finite_efforts(model))
+            data, _rotor_torque(data, regressor), finite_efforts(model))
     else:
-        conventions = check_sign(data, joints, motion.source)
+        conventions = check_sign(data, motion.source)
     if regressor is not None:
         gravity = estimate_gravity(data.scaled(conventions.constant), regressor.gravity)
         if gravity is not regressor.gravity:

@@ -83,7 +83,9 @@ class BodyPrior:
             uncertainty: float,
             rotors_show: bool = True) -> BodyPrior:
         """
-        Return the prior of a model. Without a regressor nothing is unknown.
+        Return the prior of a model.
+
+        Without a regressor nothing is unknown.
 
         Parameters
         ----------
@@ -120,7 +122,7 @@ class BodyPrior:
 
 
 def _urdf_bodies(parameters: Array, uncertainty: float) -> tuple[Array, PhysicalBounds]:
-    """Return the transform of the bodies of a URDF, and their bounds."""
+    """Return transform and bounds of the bodies of a URDF."""
     rows = parameters.reshape(-1, 10)
     heaviest = float(rows[:, 0].max())
     if heaviest <= 0.0:
@@ -159,7 +161,7 @@ def finite_efforts(model: Model | LinearModel) -> Array:
 
 
 def _gravity_turns(gravity: Array) -> Array:
-    """Return the change of gravity by two turns across it, shape (3, 2)."""
+    """Return the change of gravity by two turns, shape (3, 2)."""
     strength = float(np.linalg.norm(gravity))
     if not strength:
         return np.zeros((3, 0))
@@ -241,7 +243,7 @@ class PhysicalBounds:
         return y
 
     def _minimize(self, y: Array, x: Array, information: Array) -> Array:
-        """Return the minimum of ½ (y - x)ᵀ information (y - x) + barrier."""
+        """Return the minimum of distance and barrier, from y on."""
         def cost(y: Array) -> float:
             return 0.5 * float((y - x) @ information @ (y - x)) + self._barrier(y)
 

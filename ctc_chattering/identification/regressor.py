@@ -55,7 +55,7 @@ class BodyRegressor:
 
     @classmethod
     def of(cls, model: Model, gravity: Array | None = None) -> BodyRegressor | None:
-        """Return the regressor of a model, or None if it has none that holds."""
+        """Return the regressor of a model, if one holds."""
         if not isinstance(model, LinearModel):
             return None
         downwards = np.array([0.0, 0.0, -model.gravity])
@@ -81,7 +81,7 @@ class BodyRegressor:
         return np.concatenate((self.model.inertial_parameters(), rotors(self.model), downwards))
 
     def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return the derivative of the torque, shape (n, p + n + 3)."""
+        """Return the torque's derivative, shape (n, p + n + 3)."""
         inertial = self.model.torque_regressor(q, dq, ddq, self.gravity)
         return np.concatenate((inertial, np.diag(ddq), self.model.gravity_map(q)), axis=1)
 
@@ -93,7 +93,9 @@ class BodyRegressor:
             phi: TestFunction,
             centres: Indices) -> Array:
         """
-        Return the derivative of the weak torque, (J, n, p + n + 3).
+        Return the derivative of the weak torque.
+
+        Its shape is (J, n, p + n + 3).
 
         Parameters
         ----------

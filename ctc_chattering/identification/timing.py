@@ -166,7 +166,7 @@ def _middle_profile(
         stretches: Sequence[Stretch],
         windows: Sequence[Windows],
         phi: TestFunction) -> Profile:
-    """Return the profile of the middle of all stretches, of 70 s or less."""
+    """Return the profile of the middle 70 s, at most."""
     period = stretches[0].period
     duration = period * sum(len(stretch.q) for stretch in stretches)
     fraction = min(70.0 / duration, 1.0)
@@ -214,7 +214,7 @@ class LateCommands(NamedTuple):
 
     @property
     def is_uneven(self) -> bool:
-        """Return whether some commands stand in wrong rows, which changes their shape."""
+        """Return whether some commands stand in wrong rows."""
         return self.latest - self.earliest > 0.03
 
     def widen(self, delays: dict[int, Array], period: float, moving: Flags) -> dict[int, Array]:

@@ -89,7 +89,7 @@ class TestFunction:
         return np.arange(self.half + margin, count - self.half - margin, self.step)
 
     def weights(self, offset: Indices, step: int) -> tuple[Array, Array]:
-        """Return φ and φ' at samples off the centre, times a step [samples]."""
+        """Return φ and φ' off the centre, times a step [samples]."""
         s = np.clip(offset / self.half, -1.0, 1.0)
         scale = step * 315.0 / 256.0 / self.half
         values = scale * (1.0 - s * s) ** 4
@@ -97,7 +97,7 @@ class TestFunction:
         return values, slope
 
     def sums(self, x: Array, weights: Array, centres: Indices) -> Array:
-        """Return Σ weights x around centres, shape (J, ...), x of (N, ...)."""
+        """Return Σ weights x around centres, shape (J, ...)."""
         windows = sliding_window_view(x, 2 * self.half + 1, axis=0)
         return np.concatenate([
             windows[block - self.half] @ weights for block in self.blocks(centres)])
@@ -110,7 +110,7 @@ class TestFunction:
 # Smooth positions and velocities, with their noise.
 
 def smoothing_half(period: float) -> int:
-    """Return the samples on each side of a smoothed one: 12 ms, or three."""
+    """Return half the samples of smoothing: 12 ms, or three."""
     return max(3, round(0.012 / period))
 
 
@@ -135,7 +135,7 @@ def smooth(q: Array, period: float, order: int = 0) -> Array:
 
 
 def _local_weights(period: float, order: int, offset: int = 0) -> Array:
-    """Return the weights of a derivative off the middle, shape (2 m + 1,)."""
+    """Return the weights of a derivative off the middle."""
     m = smoothing_half(period)
     powers = np.arange(_LOCAL_ORDER + 1)
     samples = np.arange(-m, m + 1.0)
@@ -154,7 +154,7 @@ def position_noise(q: Array, period: float) -> Array:
 
 
 def velocity_deviation(period: float) -> float:
-    """Return the noise of a smoothed velocity per noise of positions [1/s]."""
+    """Return the velocity's noise per noise of positions [1/s]."""
     return float(np.linalg.norm(_local_weights(period, 1)))
 
 
@@ -217,7 +217,7 @@ class Dynamics:
 
     def weak(self, velocity: Array, phi: TestFunction, centres: Indices) -> Array:
         """
-        Return the torque of the model in (WF1), shape (J, n) [N·m].
+        Return the model's torque in (WF1), shape (J, n) [N·m].
 
         Parameters
         ----------

@@ -28,13 +28,14 @@ from ctc_chattering.identification.identify import (
     identify_recordings,
     TorqueSignal,
 )
-from ctc_chattering.identification.recording import Recording
+from ctc_chattering.identification.recording import Recording, RecordingFault
 from ctc_chattering.identification.verdict import verdicts
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
 from ctc_chattering.trajectory.waypoints import Route
 from identified_robots import record, Recorded
 import numpy as np
 import pytest
+from refusals import refused
 from robots import arm, motion
 
 #: Duration of the runs [s].
@@ -190,7 +191,7 @@ def test_torques_from_the_effort() -> None:
     check_friction(found, plain())
     assert (found.timing.source, found.timing.delay) == ('effort', -1.0)
     assert np.isnan(found.timing.drive.delay)
-    with pytest.raises(CtcError, match='neither effort in the states nor commands'):
+    with refused(RecordingFault.TORQUE):
         of(plain(), changed(effort=None, command=None))
 
 
