@@ -65,29 +65,70 @@ is allowed. The nodes are in `ctc_chattering.nodes`.
 
 from __future__ import annotations
 
-from functools import cache
 from importlib import import_module
-from pathlib import Path
-import re
 from typing import Any
 
 __version__ = '1.0.0'
-
-
-@cache
-def _modules() -> dict[str, str]:
-    """Return the module of each public name, from `__init__.pyi`."""
-    text = Path(__file__).with_suffix('.pyi').read_text(encoding='utf-8')
-    return {name: module for module, name in re.findall(r'from (\S+) import \w+ as (\w+)', text)}
+#: Modules that define the public names. `__init__.pyi` has the same table for type checkers.
+_MODULES = {
+    'export': 'analysis.export',
+    'Result': 'analysis.result',
+    'simulate': 'analysis.result',
+    'save_figures': 'analysis.run_figures',
+    'write_runs': 'analysis.run_page',
+    'read_bag': 'bags.reader',
+    'repair': 'bags.repair',
+    'replay': 'bags.replay',
+    'dot': 'compiled.compilable',
+    'record': 'compiled.compilable',
+    'compile_setup': 'configuration.compilation',
+    'Setup': 'configuration.loop_setup',
+    'load_parameters': 'configuration.parameter_file',
+    'Controller': 'control.controller',
+    'ControllerConfig': 'control.controller',
+    'Sample': 'control.controller',
+    'law': 'control.laws.base',
+    'laws': 'control.laws.base',
+    'PoleRule': 'control.recommended_gains',
+    'Applied': 'control.sample',
+    'State': 'control.sample',
+    'Terms': 'control.sample',
+    'switching': 'control.switching',
+    'Model': 'dynamics.model',
+    'check_dynamics': 'dynamics.model_check',
+    'TwoLink': 'dynamics.two_link',
+    'UrdfModel': 'dynamics.urdf_model',
+    'CtcError': 'errors',
+    'read_motion': 'identification.bag_motion',
+    'excite': 'identification.excite',
+    'write_excitation': 'identification.excite',
+    'IdentifiedRobot': 'identification.identified_robot',
+    'identify': 'identification.identified_robot',
+    'write_identified': 'identification.identified_robot',
+    'RecordedMotion': 'identification.recording',
+    'Recording': 'identification.recording',
+    'compare': 'runs.compare',
+    'compute_map': 'runs.map',
+    'reproduce': 'runs.reproduction',
+    'stability': 'runs.stability',
+    'tune': 'runs.tune',
+    'write_tuning': 'runs.tune_page',
+    'Event': 'simulation.closed_loop',
+    'Run': 'simulation.closed_loop',
+    'Plant': 'simulation.plant',
+    'PlantConfig': 'simulation.plant_config',
+    'ReferenceConfig': 'trajectory.reference',
+    'Sinusoid': 'trajectory.reference',
+    'Waypoints': 'trajectory.waypoints'}
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first used."""
     if name == '__all__':
-        return ['__version__', *sorted(_modules())]
-    if name not in _modules():
+        return ['__version__', *sorted(_MODULES)]
+    if name not in _MODULES:
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    return getattr(import_module(_modules()[name]), name)
+    return getattr(import_module(f'{__name__}.{_MODULES[name]}'), name)
 
 
 def __dir__() -> list[str]:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-# The public names and the modules that define them: type checkers read it, and `__init__.py`.
+# The public names for type checkers. A test compares them with the table in `__init__.py`.
 from ctc_chattering.analysis.export import export as export
 from ctc_chattering.analysis.result import Result as Result
 from ctc_chattering.analysis.result import simulate as simulate
@@ -64,4 +64,5 @@ from ctc_chattering.trajectory.reference import Sinusoid as Sinusoid
 from ctc_chattering.trajectory.waypoints import Waypoints as Waypoints
 
 __all__: list[str]
+_MODULES: dict[str, str]
 __version__: str

@@ -150,6 +150,24 @@ class Parameter:
         return text
 
     @property
+    def facts(self) -> str:
+        """Return unit, range and number of values for the help of an option."""
+        if self.choices:
+            return self.allowed
+        facts = [unit_text(self.unit)]
+        if self.minimum == LEAST:
+            facts.append('above 0')
+        elif math.isfinite(self.minimum):
+            facts.append(f'at least {self.minimum:g}')
+        if math.isfinite(self.maximum):
+            facts.append(f'at most {self.maximum:g}')
+        if self.infinite:
+            facts.append('or .inf')
+        if self.shape == 'n':
+            facts.append('one value or one per joint')
+        return ', '.join(filter(None, facts))
+
+    @property
     def bounds(self) -> tuple[float, float]:
         """Least and largest finite value."""
         largest = _LARGEST_INTEGER if self.kind == 'int' else LARGEST
@@ -207,7 +225,7 @@ class Parameter:
         if isinstance(item, str) and make in (int, float):
             number = yaml_number(item)
             if number and (make is float or number.lstrip('+-').isdecimal()):
-                hint = f'; write {number}: {item!r} is text to YAML'
+                hint = f'; write {number}, because YAML reads {item!r} as text'
         raise ParameterError(self.name, value, self.allowed + hint)
 
     def checked(self, value: object, n: int = 0) -> Any:
@@ -402,9 +420,9 @@ class Config:
             if spec.custom and isinstance(value, str) and value not in spec.choices:
                 if name not in classes:
                     raise CtcError(
-                        f'{name}: {value[:80]!r} is not used, because what was recorded or '
-                        f'received names no code; for your own give --{name} '
-                        f"package.module:Name, in Python {name}='package.module:Name'")
+                        f'{name}: {value[:80]!r} is not imported, because recorded and received '
+                        f'values may not name code; give --{name} package.module:Name, or in '
+                        f"Python {name}='package.module:Name'")
                 values[name] = classes[name]
         return cls.from_mapping(values)
 
@@ -449,10 +467,10 @@ def named_class(role: str, name: str, fits: Callable[[type], bool], expected: st
 
     """
     module, _, attribute = name.partition(':')
-    with as_ctc_error(f'there is no {role} {name}'):
+    with as_ctc_error(f'the {role} {name} cannot be imported'):
         result = getattr(importlib.import_module(module), attribute)
     if not (isinstance(result, type) and fits(result)):
-        raise CtcError(f'the {role} {name} is no {expected}')
+        raise CtcError(f'the {role} {name} is not a {expected}')
     return result
 
 

@@ -72,31 +72,31 @@ html_show_search_summary = False  # a file may not read its neighbours
 html_show_sphinx = False
 
 
-def without_field_numbers(*event: Any) -> None:
-    """Leave out what Python says of a field of a NamedTuple that has no docstring."""
+def remove_field_numbers(*event: Any) -> None:
+    """Remove the text that Python adds to a NamedTuple's field without a docstring."""
     lines = event[-1]
     if lines and lines[0].startswith('Alias for field number'):
         lines.clear()
 
 
-def bar(_: Inliner, match: re.Match[str], __: int) -> tuple[str, list[Any], str, list[Any]]:
-    """Leave the bars of a magnitude such as |v| as they are: here they name no substitution."""
+def keep_bar(_: Inliner, match: re.Match[str], __: int) -> tuple[str, list[Any], str, list[Any]]:
+    """Keep the bars of a magnitude such as |v|, which would name a substitution."""
     end = match.end('start')
     return match.string[:end], [], match.string[end:], []
 
 
-def titled(_: Sphinx, name: str, source: list[str]) -> None:
-    """Give the tables that `ctc compare` writes the title that a page needs."""
+def add_title(_: Sphinx, name: str, source: list[str]) -> None:
+    """Add a title to the tables that `ctc compare` writes."""
     if name.endswith('/compare'):
         source[0] = f'# Laws compared, joint by joint\n\n{source[0]}'
 
 
-def resolvable(_: Sphinx, doctree: nodes.document) -> None:
+def remove_unresolvable_links(_: Sphinx, doctree: nodes.document) -> None:
     """
-    Take away links that the site has not.
+    Remove links that have no target on the site.
 
-    Links to folders are for a browser of the repository. The letter of a shape such as `(n,)` in
-    a docstring is no link to any attribute n.
+    Links to folders are for a browser of the repository. The letter of a shape, such as `(n,)`
+    in a docstring, is no link to an attribute n.
     """
     here = Path(doctree['source']).parent
     for link in list(doctree.findall(pending_xref)):
@@ -105,8 +105,8 @@ def resolvable(_: Sphinx, doctree: nodes.document) -> None:
             link.replace_self(link.children)
 
 
-def unbroken(_: Sphinx, doctree: nodes.document) -> None:
-    """Keep a number such as 2.2e-03 in a table from being broken after its hyphen."""
+def keep_numbers_whole(_: Sphinx, doctree: nodes.document) -> None:
+    """Keep a table from breaking a number such as 2.2e-03 after its hyphen."""
     for cell in doctree.findall(nodes.entry):
         for text in list(cell.findall(nodes.Text)):
             if re.fullmatch(r'[\d.]+e-\d+.{,20}', text):
@@ -114,12 +114,12 @@ def unbroken(_: Sphinx, doctree: nodes.document) -> None:
 
 
 def setup(app: Sphinx) -> None:
-    """Connect what is between reading and writing a page."""
+    """Connect the functions above to the reading and writing of a page."""
     sys.path.insert(0, str(Path(__file__).parent))
     import reference_pages
     reference_pages.write(Path(__file__).parent / '_api')
-    Inliner.dispatch['|'] = bar
-    app.connect('autodoc-process-docstring', without_field_numbers)
-    app.connect('source-read', titled)
-    app.connect('doctree-read', resolvable)
-    app.connect('doctree-read', unbroken)
+    Inliner.dispatch['|'] = keep_bar
+    app.connect('autodoc-process-docstring', remove_field_numbers)
+    app.connect('source-read', add_title)
+    app.connect('doctree-read', remove_unresolvable_links)
+    app.connect('doctree-read', keep_numbers_whole)

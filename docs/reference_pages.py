@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pages of the site that the package itself tells: every command and option, every parameter."""
+"""Writes the pages of all commands and of all parameters, for the site of `make docs`."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ _COMMON = 3
 _BEGIN = """# Commands
 
 `ctc COMMAND --help` prints the same in a terminal.
-Exit status: 0 success, 1 failure, 2 wrong command line or missing package, 130 Ctrl-C. Nothing is
-overwritten without `--overwrite`, and with it only
-[what the same command wrote](interfaces.md#output-folders). `F` is a path or a parameter file of
-the package: `friction`, `disturbance`, `switch`, `switching`, `panda`, `ur5`.
+The exit status is 0 after success, 1 after a failure, 2 for a wrong command line or a missing
+package, and 130 after Ctrl-C. Commands overwrite nothing without `--overwrite`, and with it only
+[their own output](../interfaces.md#output-folders). `F` is a path or a parameter file of the
+package: `friction`, `disturbance`, `switch`, `switching`, `panda`, `ur5`.
 
 ## plant, controller, reference, recorder
 
-`NODE [--help] [--version] [--ros-args …]`: one node each. Its parameters are in
-[parameters](parameters.md). An unknown parameter, topic or argument is refused with status 2.
+`NODE [--help] [--version] [--ros-args …]` starts one node. Its parameters are in
+[parameters](parameters.md). An unknown parameter or argument is refused with status 2.
 
 """
 

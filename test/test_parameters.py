@@ -115,14 +115,14 @@ def test_refusals(config: type[Config], name: str, value: object, allowed: str) 
 @pytest.mark.parametrize(('text', 'number'), [
     ('1e-9', '1.0e-9'), ('1e3', '1.0e+3'), ('-2.5E4', '-2.5e+4'), ('.5e-1', '.5e-1'), ('5', '5'),
     (' 5.0 ', '5.0'), ('+1E+2', '+1.0e+2'), ('inf', '.inf'), ('Infinity', '.inf')])
-def test_a_number_that_yaml_takes_for_text_is_shown_as_yaml_reads_it(
+def test_refusal_of_text_shows_the_number_in_yaml_form(
         text: str, number: str) -> None:
     """The judge is PyYAML itself, by which `ros2 param set` reads values."""
     assert isinstance(yaml.safe_load(number), (int, float))
     assert yaml.safe_load(number) == float(text)
     for value in (text, [text, 1.0, 1.0]):
         error = _refuse(Sample, 'limit', value)
-        assert error.allowed.endswith(f'; write {number}: {text!r} is text to YAML')
+        assert error.allowed.endswith(f'; write {number}, because YAML reads {text!r} as text')
 
 
 @pytest.mark.parametrize(('name', 'value'), [

@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-How fast this computer is, which belongs beside every time that is reported.
+Speed of this computer, which belongs beside every time that is reported.
 
-``python tools/calibration.py "make test" BEGIN`` says how long something took that began at
-BEGIN, in seconds since 1970.
+``python tools/calibration.py "make test" BEGIN`` prints the time since BEGIN, in seconds since
+1970. The Makefile calls it, and `test/conftest.py` prints `text`.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def _tenth() -> float:
 
 
 def text() -> str:
-    """Return the words for it."""
+    """Return the time of the calibration loop in a sentence."""
     return f'ten million `s += i * i` take {calibration():.2f} s here'
 
 

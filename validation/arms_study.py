@@ -49,18 +49,30 @@ from robots import DESCRIBED
 import scipy.linalg  # type: ignore[import-untyped]
 import urdfs
 
-#: Step of MuJoCo [s], and steps of a control period of 1 ms.
-STEP_S, STEPS = 2.5e-4, 4
-#: Lag of the drives [s], delay [samples], and step of the encoders [rad].
-LAG_S, DELAY, ENCODER = 1.5e-3, 1, 1e-5
+#: Step of MuJoCo [s].
+STEP_S = 2.5e-4
+#: Steps of a control period of 1 ms.
+STEPS = 4
+#: Lag of the drives [s].
+LAG_S = 1.5e-3
+#: Delay of the torque [samples].
+DELAY = 1
+#: Step of the encoders [rad].
+ENCODER = 1e-5
 #: Rate limit of a drive per effort limit [1/s].
 RATE_PER_EFFORT = 20.0
-#: Friction loss and viscous friction at the largest velocity, as parts of the effort limit.
-DRY, VISCOUS = 0.04, 0.02
+#: Dry friction per effort limit.
+DRY = 0.04
+#: Viscous friction at the largest velocity, per effort limit.
+VISCOUS = 0.02
 #: Deviation of masses, centres and inertias.
 MODEL_ERROR = 0.1
-#: Duration and begin of the judged part [s], and when a payload is picked up.
-DURATION_S, JUDGED_FROM_S, PICKED_S = 10.0, 2.5, 5.0
+#: Duration of a run [s].
+DURATION_S = 10.0
+#: Begin of the judged part [s].
+JUDGED_FROM_S = 2.5
+#: Time at which a payload is picked up [s].
+PICKED_S = 5.0
 #: Damping ratio of an elastic joint.
 DAMPING_RATIO = 0.02
 #: Fastest resonance of a joint alone [Hz].
@@ -91,7 +103,7 @@ class Case(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What a run showed; largest values of all joints."""
+    """Result of a run, with the largest values of all joints."""
 
     rms: float
     variation: float

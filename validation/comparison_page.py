@@ -20,22 +20,19 @@ import csv
 from math import inf
 from pathlib import Path
 import re
-from statistics import median
 
 from ctc_chattering.cli.ctc import main as ctc
 
 DOCS = Path(__file__).resolve().parents[1] / 'docs'
-PAGE, README = DOCS / 'comparison.md', DOCS.parent / 'README.md'
+PAGE = DOCS / 'comparison.md'
+README = DOCS.parent / 'README.md'
 #: A block of a page, and the directory in docs/ that it shows.
 _BLOCK = re.compile(r'(<!-- tables: (\S+) -->\n).*?(<!-- end of tables -->)', re.DOTALL)
 #: Rows of README: law, switching, settings.
-_ROWS = (('observer_feedback', '', 'recommended'), ('extended_state_observer', '', 'recommended'),
-         ('pid_kalman', '', 'recommended'), ('chattering', 'implicit_observer', 'recommended'),
-         ('compensation', '', 'file'))
-_HEADS = ('law', 'held-out conditions survived', 'median error [rad]',
-          'RMS e₁, e₂ in the condition above [rad]', 'torque variation there [N·m/s]')
-#: Settings in words.
-_WORDS = {'file': 'gains of the paper', 'recommended': ''}
+_ROWS = (('observer_feedback', '', 'recommended'), ('pid_kalman', '', 'recommended'),
+         ('chattering', 'implicit_observer', 'recommended'))
+_HEADS = ('law', 'simulations survived', 'worst error [rad]', 'median error [rad]',
+          'torque variation, relative to the first')
 
 
 def filled(page: str) -> str:
@@ -62,16 +59,12 @@ def _short(directory: str) -> str:
 
 
 def _row(directory: str, variant: tuple[str, str, str]) -> tuple[str, ...]:
-    law, switching, settings = variant
-    errors, joints = held_out_errors(directory, variant), [
-        x for x in lines(directory) if named(x) == variant and x['condition'] == 'real_arm']
-    name = ', '.join(filter(None, (law, f'`{switching}`' if switching else '',
-                                   _WORDS[settings])))
-    return (name, f'{sum(x < inf for x in errors)} of {len(errors)}',
-            f'{median(errors):.1e}' if median(errors) < inf else 'lost',
-            ', '.join(f'{float(x["rms_error"]):.1e}' for x in joints),
-            ', '.join(f'{float(f"""{float(x["torque_variation_per_s"]):.2g}"""):.0f}'
-                      for x in joints))
+    """Return a row of the first table of a directory, with its law in one cell."""
+    text = (DOCS / directory / 'compare.md').read_text(encoding='utf-8')
+    rows = (line.strip('| ').split(' | ') for line in text.splitlines() if ' of 24 | ' in line)
+    (cells,) = ((law, *row) for law, switching, settings, *row in rows
+                if (law, switching.strip(), settings) == variant)
+    return (', '.join(filter(None, (variant[0], variant[1] and f'`{variant[1]}`'))), *cells[1:])
 
 
 def lines(directory: str) -> list[dict[str, str]]:

@@ -39,15 +39,16 @@ DURATION = 9.0
 _PAPER = (np.pi, np.pi / 2), (600.0, 120.0), (6.0, 6.0)
 #: Span of a window in which a change of torque is counted as a rate [s].
 _WINDOW = 0.05
-#: Part of the robots that is the two-link arm; part of a quantity that is drawn from all of its
-#: range, the others being ordinary.
-_TWO_LINK, _WIDE = 0.4, 0.45
+#: Share of the robots that are two-link arms.
+_TWO_LINK_SHARE = 0.4
+#: Share of the draws of a quantity that are from its whole range. Others are ordinary.
+_WIDE_SHARE = 0.45
 _QUANTITIES = ('lag', 'rate', 'encoder', 'delay', 'period', 'friction', 'stribeck', 'model',
                'payload', 'start', 'load')
 
 
 class Robot(NamedTuple):
-    """A robot as its lab knows it; tuples have a number for each joint."""
+    """A robot as its lab knows it. Tuples have a number for each joint."""
 
     name: str
     urdf: str
@@ -182,9 +183,9 @@ def drawn(seed: int, irregular: bool = False) -> tuple[Condition, Physics, Path3
     With `irregular`, states are lost and off the grid; the rest is the same.
     """
     rng = np.random.default_rng((seed, 24))
-    name = 'two_link' if rng.random() < _TWO_LINK else str(rng.choice(list(DESCRIBED)))
+    name = 'two_link' if rng.random() < _TWO_LINK_SHARE else str(rng.choice(list(DESCRIBED)))
     known = robot(name)
-    wide = dict(zip(_QUANTITIES, rng.random(len(_QUANTITIES)) < _WIDE))
+    wide = dict(zip(_QUANTITIES, rng.random(len(_QUANTITIES)) < _WIDE_SHARE))
     c = quantities(seed, known, wide, rng)
     bodies = true_bodies(c, known, rng)
     path, first = motion_of(c, known, bodies, rng)

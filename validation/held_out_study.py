@@ -32,10 +32,14 @@ from machine_code import compile_step
 import numpy as np
 from rigid_bodies import Array
 
-#: The instant from which errors count [s]; largest error [rad].
-COUNTS, DIVERGED = 5.0, 3.0
-#: Longest steps of the plant of two joints, and of more [s].
-_FINE, _COARSE = 2e-5, 1e-4
+#: Errors count from this time on [s].
+COUNTS = 5.0
+#: A larger error is a run that diverged [rad].
+DIVERGED = 3.0
+#: Longest step of a plant of two joints [s].
+_FINE = 2e-5
+#: Longest step of a plant of more joints [s].
+_COARSE = 1e-4
 #: RMS error of a joint, relative to that of `compensation`, from which a run counts as worse.
 _WORSE = 1.2
 

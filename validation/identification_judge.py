@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a sceptical outsider says of an identification whose truth is known."""
+"""Independent verdict on an identification whose truth is known."""
 
 from __future__ import annotations
 
@@ -48,8 +48,10 @@ from rigid_bodies import Array
 from robots import arm
 from rosbags.rosbag2 import StoragePlugin
 
-#: A number is wrong if it is off by this many halves of its interval, and by this part.
-_HALVES, _PART = 1.5, 0.05
+#: A number is wrong if it is off by this many halves of its interval ...
+_HALVES = 1.5
+#: ... and by this part of itself.
+_PART = 0.05
 #: The same of noise, which has no interval.
 _NOISE = 0.2
 
@@ -101,9 +103,9 @@ class Number(NamedTuple):
 
 class Outcome(NamedTuple):
     """
-    What `ctc identify` makes of a recording; nothing but `refusal` where it refuses all.
+    Result of `ctc identify` for a recording, only `refusal` where it refuses all.
 
-    `model` and `urdf` are what its gains are for: corrected where it corrects the description.
+    Its gains are for `model` and `urdf`, which are corrected where it corrects the description.
     """
 
     refusal: str

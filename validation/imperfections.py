@@ -22,79 +22,47 @@ number of processes nor on their order.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 import dataclasses
 import itertools
 import json
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.tables import bold, csv_text, Table
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory
-from ctc_chattering.configuration.yaml_file import read_yaml
 from ctc_chattering.control.laws.registry import LAWS
-from ctc_chattering.runs.conditions import read_cases as cases_of
+from ctc_chattering.runs.conditions import Case, read_cases
 from ctc_chattering.runs.pool import processes
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import Score, score
 
 #: Groups of cases.
 BASIC = 'Basic cases'
-PERIOD, GAIN = 'Sample period', 'Gain'
-NOISE, SHORT_NOISE = 'Velocity noise', 'Velocity noise, h = 0.5 ms'
+PERIOD = 'Sample period'
+GAIN = 'Gain'
+NOISE = 'Velocity noise'
+SHORT_NOISE = 'Velocity noise, h = 0.5 ms'
 #: Gain of the chattering term, unless a case has another [N·m].
 KA = 12.0
 
 
-@dataclasses.dataclass(frozen=True)
-class Case:
+def case_setup(case: Case) -> Setup:
     """
-    One experiment, run under every switching.
+    Return the checked parameters of a case; the switching is still that of the file.
 
-    Attributes
-    ----------
-    name, group : str
-        What differs from the other cases of the group; the table that contains it.
-    overrides : mapping
-        Values by node and parameter above those of the file, as `parameter_file.load` takes
-        them.
-    x : float, optional
-        Abscissa in a figure over the group.
-
+    A controller knows what the drives give only where the case says so, not from the file.
     """
-
-    name: str
-    group: str
-    overrides: Mapping[str, Mapping[str, Any]]
-    x: float | None = None
-
-    def setup(self) -> Setup:
-        """
-        Return the checked parameters; the switching is still that of the file.
-
-        A controller knows what the drives give only where the case says so, not from the file.
-        """
-        controller = {'effort_limit': math.inf, **self.overrides.get('controller', {})}
-        return parameter_file.load(config_directory() / 'friction.yaml',
-                                   {**self.overrides, 'controller': controller})
-
-
-def read_cases() -> tuple[Case, ...]:
-    """Return the cases of `config/cases/imperfections.yaml`."""
-    path = config_directory() / 'cases' / 'imperfections.yaml'
-    tree: Any = read_yaml(path)
-    cases = cases_of(path)
-    flat = [(group, name, values) for group, mine in tree['cases'].items()
-            for name, values in mine.items()]
-    return tuple(Case(name, group, case.values, x=values.get('x'))
-                 for case, (group, name, values) in zip(cases, flat))
+    controller = {'effort_limit': math.inf, **case.overrides.get('controller', {})}
+    return parameter_file.load(config_directory() / 'friction.yaml',
+                               {**case.overrides, 'controller': controller})
 
 
 #: Every case.
-CASES = read_cases()
+CASES = read_cases(config_directory() / 'cases' / 'imperfections.yaml')
 
 
 #: What the tables show: attribute, heading, unit, format.
@@ -136,7 +104,7 @@ def settled(setup: Setup, law: str) -> Setup:
 
 def setup_of(case: Case, variant: str) -> Setup:
     """Return a case under a switching, or under a law as `settled`."""
-    setup = case.setup()
+    setup = case_setup(case)
     if variant in LAWS:
         return settled(setup, variant)
     return dataclasses.replace(setup, controller=setup.controller.changed({'switching': variant}))
@@ -169,7 +137,7 @@ def run_cases(cases: Sequence[Case], variants: Sequence[str], jobs: int = 1
 
     """
     for case in cases:
-        case.setup()
+        case_setup(case)
     with processes(jobs) as each:
         yield from each(evaluate, list(itertools.product(cases, variants)))
 
@@ -289,6 +257,6 @@ def law_tables(outcomes: Sequence[CaseOutcome]) -> Iterator[Table]:
     for row in table:
         case, base = row[BASE].case, row[BASE]
         cells = [ratio(row[law], base) for law in laws]
-        lines.append([f'{case.group}: {case.name}', *(
+        lines.append([case.title, *(
             bold(f'{x:.2g}') if x > 1.01 else f'{x:.2g}' for x in cells)])
     yield Table('', ['case', *laws], lines)

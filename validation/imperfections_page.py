@@ -41,10 +41,11 @@ from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.control.laws.registry import LAWS, SWITCHINGS
 from ctc_chattering.errors import shorten
 from ctc_chattering.output_files import write_text
+from ctc_chattering.runs.conditions import Case
 from imperfections import (
     about,
     BASIC,
-    Case,
+    case_setup,
     CaseOutcome,
     CASES,
     engines,
@@ -68,7 +69,10 @@ from matplotlib.ticker import MaxNLocator, NullFormatter
 import numpy as np
 from PIL import Image
 
-_DASHED, _BROKEN, _DOTTED = (0, (5, 1.5)), (0, (2.5, 1.2)), (0, (1, 1))
+#: Lengths of dashes and gaps.
+_DASHED = (0, (5, 1.5))
+_BROKEN = (0, (2.5, 1.2))
+_DOTTED = (0, (1, 1))
 #: Colour, marker and dashes of each switching (after Okabe and Ito) and of each law, distinct
 #: without colour as well.
 STYLES: dict[str, dict[str, Any]] = {
@@ -84,8 +88,10 @@ QUANTITIES = (('rms', 'RMS error of joint 2', 'rad'),
               ('variation', 'torque variation of joint 2', 'N·m/s'))
 #: The slice drawn of the time domain: friction of joint 2 changes its sign at 7.75 s [s].
 SLICE = (7.70, 7.85)
-#: Characters of a line in a panel, and in a row of `overview`.
-_LINE, _NARROW = 70, 40
+#: Characters of a line in a panel.
+_LINE = 70
+#: Characters of a line in a row of `overview`.
+_NARROW = 40
 _OVERVIEW = ('RMS error and torque variation of joint 2 over the second half of each run. A row a '
              'case, a mark a run; grey: from the least to the greatest.')
 
@@ -131,8 +137,7 @@ def overview(outcomes: Sequence[CaseOutcome], title: str) -> Figure:
     """Draw both quantities of every case in `outcomes`, a line per case, a mark per variant."""
     table, look = rows(outcomes), _styles(outcomes)
     cases = [row[0].case for row in table]
-    names = [case.name if case.group == BASIC else f'{case.group}: {case.name}'
-             for case in cases]
+    names = [case.name if case.group == BASIC else case.title for case in cases]
     figure, grid = drawing.sheet(
         title, 1, (1.0, 1.0), (0.17 + 0.02 * len(look)) * len(table) + 0.3,
         left=0.4 + 0.067 * max(map(len, names)))
@@ -166,7 +171,7 @@ def overview(outcomes: Sequence[CaseOutcome], title: str) -> Figure:
 
 def chattering(case: Case, switchings: Sequence[str] = SWITCHINGS) -> Figure:
     """Draw v and the chattering term of joint 2 over `SLICE`, one column per switching."""
-    ka = case.setup().controller.ka[1]
+    ka = case_setup(case).controller.ka[1]
     figure, _ = drawing.sheet(
         f'Filtered error and chattering term of joint 2, ka = {ka:g} N·m, 1 kHz, clean', 2,
         (1.0,) * len(switchings), 2.2)

@@ -50,7 +50,7 @@ def paper_dynamics(q: Array, dq: Array, gravity: float) -> Dynamics:
 
 
 class Known(NamedTuple):
-    """What every law knows: the model with its error, and the drives; arrays of shape (2,)."""
+    """Knowledge of all laws: the model with its error, and the drives, of shape (2,)."""
 
     scale: float = 1.0
     period: float = 1e-3

@@ -32,9 +32,11 @@ from rigid_bodies import Array, Bodies, compiled, dynamics
 
 #: Stiffness of an end stop [N·m/rad].
 _STOP = 2000.0
-#: Attempts at the friction in which every joint may change between sliding and sticking, before
-#: it is one an attempt; all of them.
-_TOGETHER, _ATTEMPTS = 10, 200
+#: Attempts at the friction in which all joints may change between sliding and sticking. Later,
+#: one joint an attempt may.
+_TOGETHER = 10
+#: All attempts.
+_ATTEMPTS = 200
 
 
 class Physics(NamedTuple):
@@ -129,7 +131,7 @@ def ideal(bodies: Bodies) -> Physics:
 
 class State(NamedTuple):
     """
-    What changes; N coordinates, which are the joints, or rotors and then links.
+    State of N coordinates, which are the joints, or rotors and then links.
 
     Attributes
     ----------

@@ -27,8 +27,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory
-from ctc_chattering.runs.compare import merged
-from ctc_chattering.runs.conditions import condition
+from ctc_chattering.runs.conditions import find_condition, merge_overrides
 from ctc_chattering.runs.recommended import gains_by_rule
 from ctc_chattering.runs.score import PER_JOINT, Score, score
 from independent_laws import Array, Gains, Known, Sliding
@@ -69,13 +68,14 @@ def setups(law: dict[str, Any], ka: str, column: str) -> list[Setup]:
     """Return the runs of a cell of the first table."""
     file, name, told = COLUMNS[column]
     path, found = config_directory() / f'{file}.yaml', []
-    for run in condition(name).overrides(parameter_file.load(path)):
-        setup = parameter_file.load(path, run)
+    for case in find_condition(name).cases(parameter_file.load(path)):
+        setup = parameter_file.load(path, case.overrides)
         known = gains_by_rule(setup, 'observer_feedback')
         given = {**(known if law['law'] == 'observer_feedback' else {}), **law}
         given['ka'] = known['ka'] if KA[ka] == 'recommended' else [
             x if KA[ka] is None else KA[ka] for x in setup.controller.ka]
-        found.append(parameter_file.load(path, merged(run, {'controller': {**told, **given}})))
+        found.append(parameter_file.load(path, merge_overrides(
+            case.overrides, {'controller': {**told, **given}})))
     return found
 
 

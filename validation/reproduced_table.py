@@ -30,9 +30,14 @@ import numpy as np
 from rigid_bodies import Array, PAPER, planar
 
 _TABLE = Path(__file__).parents[1] / 'docs' / 'comparison' / 'two_link' / 'compare.csv'
-_SECONDS, _COUNTS = 10.0, 5.0
-#: Longest step of the plant [s], and the encoders' [rad].
-_STEP, _ENCODER = 2e-5, 1e-5
+#: Duration of a run [s].
+_SECONDS = 10.0
+#: Errors count from this time on [s].
+_COUNTS = 5.0
+#: Longest step of the plant [s].
+_STEP = 2e-5
+#: Step of the encoders [rad].
+_ENCODER = 1e-5
 
 
 def real_arm() -> Physics:

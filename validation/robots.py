@@ -27,7 +27,8 @@ from rigid_bodies import Array, Bodies, bodies_of, PAPER, planar
 import urdfs
 
 _UR = (0.0, -1.0, 1.0, -1.0, -1.5, 0.0)
-_SIX, _SEVEN = (tuple(f'joint{i}' for i in range(1, n)) for n in (7, 8))
+_SIX = tuple(f'joint{i}' for i in range(1, 7))
+_SEVEN = (*_SIX, 'joint7')
 #: File, joints, centre of the motion [rad], and Coulomb friction [N·m], if any is drawn.
 DESCRIBED: dict[str, tuple[str, tuple[str, ...], tuple[float, ...], tuple[float, ...]]] = {
     'panda': ('panda', urdfs.PANDA, (0.0, -0.4, 0.0, -1.8, 0.0, 1.8, 0.5), ()),

@@ -62,7 +62,7 @@ _SIGNALS = {
 }
 
 
-class Column(NamedTuple):
+class MetricColumn(NamedTuple):
     """Column of the table: key of the metrics, heading, unit."""
 
     key: str
@@ -72,15 +72,15 @@ class Column(NamedTuple):
 
 LARGEST_ERROR = 'max_error_norm1_rad'
 RUN_COLUMNS = (
-    Column(LARGEST_ERROR, 'Largest Σ |eᵢ|', 'rad'),
-    Column('reaching_time_s', 'v reached', 's'),
+    MetricColumn(LARGEST_ERROR, 'Largest Σ |eᵢ|', 'rad'),
+    MetricColumn('reaching_time_s', 'v reached', 's'),
 )
 JOINT_COLUMNS = (
-    Column('rms_error_rad', 'RMS error', 'rad'),
-    Column('rms_torque_nm', 'RMS torque', 'N·m'),
-    Column('torque_variation_nm_per_s', 'Torque variation', 'N·m/s'),
-    Column('max_torque_step_nm', 'Largest torque step', 'N·m'),
-    Column('max_torque_rate_nm_per_s', 'Largest torque rate', 'N·m/s'),
+    MetricColumn('rms_error_rad', 'RMS error', 'rad'),
+    MetricColumn('rms_torque_nm', 'RMS torque', 'N·m'),
+    MetricColumn('torque_variation_nm_per_s', 'Torque variation', 'N·m/s'),
+    MetricColumn('max_torque_step_nm', 'Largest torque step', 'N·m'),
+    MetricColumn('max_torque_rate_nm_per_s', 'Largest torque rate', 'N·m/s'),
 )
 
 

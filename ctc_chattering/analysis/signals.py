@@ -94,7 +94,7 @@ def by_times(signals: Mapping[str, Series]) -> list[tuple[Array, dict[str, Array
     return [group for group in groups if len(group[0])]
 
 
-class _Column(NamedTuple):
+class _PackedColumn(NamedTuple):
     """Numbers of one signal and joint, of 64 bits for `_EXACT`, or else of 32."""
 
     name: str
@@ -170,7 +170,7 @@ def _round_to(step: float, x: Array) -> Array:
     return rounded
 
 
-def _columns(t: Array, signals: Mapping[str, Array]) -> list[_Column]:
+def _columns(t: Array, signals: Mapping[str, Array]) -> list[_PackedColumn]:
     """Return the columns of times and signals."""
     columns = []
     for name, rows in {'t': t, **signals}.items():
@@ -180,11 +180,11 @@ def _columns(t: Array, signals: Mapping[str, Array]) -> list[_Column]:
                 .reshape(len(t), -1)
                 .T.astype('<f8' if name in _EXACT else '<f4')
             )
-        columns += [_Column(name, joint, numbers) for joint, numbers in enumerate(values)]
+        columns += [_PackedColumn(name, joint, numbers) for joint, numbers in enumerate(values)]
     return columns
 
 
-def _head(columns: list[_Column], further: Mapping[str, Any]) -> bytes:
+def _head(columns: list[_PackedColumn], further: Mapping[str, Any]) -> bytes:
     """Return the head of `packed` with its length."""
     text = json.dumps(
         {

@@ -178,8 +178,8 @@ class Bag:
         connections = self.named(name)
         topics = sorted({x.topic for x in connections})
         if len(topics) > 1:
-            raise CtcError(f'{self.path}: several topics {name}, and no way to tell which one '
-                           f'belongs to the states: {shorten(topics)}')
+            raise CtcError(f'{self.path}: the bag has several topics {name}, and it is not known '
+                           f'which one belongs to the states: {shorten(topics)}')
         return connections
 
     def read(self, connections: Collection[Connection]) -> Iterator[tuple[int, Any]]:
@@ -212,8 +212,8 @@ class Bag:
         for x in readable:
             if x.msgtype not in self._types.fielddefs:
                 raise CtcError(
-                    f'{self.path}: the bag has no definition of {x.msgtype}, which {x.topic} is '
-                    'of: record with --storage mcap, or convert it where that is installed')
+                    f'{self.path}: the bag does not define {x.msgtype}, the type of {x.topic}; '
+                    'record with --storage mcap, or convert the bag where the type is installed')
         return readable
 
     def decode(self, data: Any, message_type: str) -> Any:

@@ -198,12 +198,13 @@ def _read_configs(
         replacements: Mapping[str, object]) -> list[tuple[int, ControllerConfig]]:
     """Return the controller's configurations and their times [ns]."""
     if len(bag.namespaces) > 1:
-        raise CtcError(f'{bag.path}: runs of several robots: '
+        raise CtcError(f'{bag.path}: the bag has runs of several robots: '
                        f'{", ".join(f"{x}/controller" for x in bag.namespaces)}; copy the topics '
-                       'of one of them by rosbags-convert --include-topic, or record one')
+                       'of one of them by rosbags-convert --include-topic, or record one '
+                       'robot')
     history = bag.parameters('controller', ControllerConfig, replacements)
     if not history:
-        raise CtcError(f'{bag.path}: not a bag of this package: no message on '
+        raise CtcError(f'{bag.path}: this package did not record the bag: there is no message on '
                        f'controller/{topics.PARAMETERS}')
     return history
 
@@ -245,7 +246,7 @@ def _order(bag: Bag, states: Signal, since: int, period: int) -> Signal:
     """Return the states from `since` [ns] on, in order."""
     states = states.select(states.stamps >= since)
     if not len(states.stamps):
-        raise CtcError(f'{bag.path}: no state on {topics.JOINT_STATES} that was answered')
+        raise CtcError(f'{bag.path}: no state on {topics.JOINT_STATES} was answered by a torque')
     if len(states.stamps) < 3:
         return states
     name = f'{bag.path}: {topics.JOINT_STATES}'

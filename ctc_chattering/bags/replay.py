@@ -129,7 +129,7 @@ def _create_publishers(reader: Bag, node: Any) -> dict[tuple[str, str], Any]:
                 reason = 'its message type is not installed'
         if reason:
             print(
-                f'not replayed, because {reason}: {x.topic} ({x.msgtype})',
+                f'{x.topic} ({x.msgtype}) is not replayed, because {reason}',
                 file=sys.stderr,
                 flush=True)
     return publishers

@@ -103,8 +103,8 @@ def order_states(name: str, t: Array, *contents: Array, period: float | None = N
     if len(order) < 3:
         raise CtcError(
             f'{name}: the stamps have no regular period: their median step is {usual_step:.3g} s, '
-            'but most states stand alone. Are there two publishers of joint states? Record it '
-            'again')
+            'but most states stand alone. Check for two publishers of joint states, and record '
+            'the bag again')
     stamps = t[order]
     double_step = stamps[2:] - stamps[:-2]
     smallest = 2.0 * STAMP_LIMITS.crowded_step_ratio * usual_step
@@ -115,16 +115,16 @@ def order_states(name: str, t: Array, *contents: Array, period: float | None = N
     if is_crowded.any():
         begin = stamps[int(is_crowded.argmax())] - stamps[0]
         raise CtcError(
-            f'{name}: {begin:.4g} s after the first, states stand closer than the period of '
-            f'{usual_step:.3g} s: was a clock set back, are there two publishers of joint '
-            'states, or are stamps coarser than the period? Record it again')
+            f'{name}: from {begin:.4g} s after the first state on, stamps are closer than the '
+            f'period of {usual_step:.3g} s. Check for a clock that was set back, two publishers '
+            'of joint states and stamps coarser than the period, and record the bag again')
     step = np.diff(stamps)
     shared = float((step == 0.0).mean())
     if shared > STAMP_LIMITS.max_shared_fraction:
         resolution = step[step > 0.0].min(initial=np.inf)
         raise CtcError(
-            f'{name}: {shared:.0%} of the states have the stamp of another one: stamps are in '
-            f'steps of {1e3 * resolution:.3g} ms, coarser than the period. '
+            f'{name}: {shared:.0%} of the states share the stamp of another state, because stamps '
+            f'have a resolution of {1e3 * resolution:.3g} ms, coarser than the period. '
             'Record the stamps of the driver with all their digits')
     return order[np.diff(stamps, prepend=-np.inf) > 0.0]
 

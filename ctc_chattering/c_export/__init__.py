@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A control law as a C library, and as a controller of ros2_control."""
+"""Export of a law as C library and ros2_control controller."""

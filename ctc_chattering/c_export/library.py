@@ -13,16 +13,18 @@
 # limitations under the License.
 
 """
-A control law for one robot as a C library: object code, a header, and its numbers.
+Export of a law for one robot to C.
 
-Machine code works on records and arrays by their addresses. In C they are one block of memory,
-`ctc_law`, whose content at the start `Block` collects, with the pointers within it. The rest is
-text: `templates/ctc_law.c` copies the content, sets the pointers, and calls the code.
+`ctc export-c` calls `export`. The library has object code, a header, and the numbers of the law.
+Machine code takes records and arrays by their addresses. In C all of them lie in one block of
+memory, `ctc_law`. `MemoryBlock` collects its content at the start, and the pointers within it. The
+C code itself is text in `templates`: `ctc_law.c` copies the content, sets the pointers, and calls
+the machine code.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from math import isinf
 from pathlib import Path
 import re
@@ -50,26 +52,28 @@ import numpy as np
 _TEMPLATES = Path(__file__).with_name('templates')
 #: The command that writes a library.
 EXPORT = 'ctc export-c'
-#: What compiled code calls, by its name in C.
+#: Functions of the model that compiled code calls, with their names in C.
 _FUNCTIONS = {function: name for functions in ARM_FUNCTIONS.values()
               for function, name in zip(functions, ('ctc_dynamics', 'ctc_mass'))}
-#: Parts of the block are words of so many bytes.
-_WORD = 8
-#: What `ctc_set_gains` takes, and its function.
-_GAINS, _SET = ('kp', 'kv', 'ka'), 'ctc_gains'
+#: Gains that `ctc_set_gains` takes.
+_GAINS = ('kp', 'kv', 'ka')
+#: Name in C of the compiled `apply_gains`.
+_GAINS_FUNCTION = 'ctc_gains'
+_WORD_BYTES = 8
 
 
-class Block:
+class MemoryBlock:
     """
-    The block of memory on which machine code works, in words of 8 bytes.
+    Block of memory on which machine code works, in words of 8 bytes.
 
     Attributes
     ----------
     words : list of int
         Content at the start.
-    pointers, calls : list of tuple
-        Where there is a pointer within the block, and to where; where there is the address of a
-        function, and its name.
+    pointers : list of (int, int)
+        Positions of a word and of the word whose address it holds.
+    calls : list of (int, str)
+        Position of a word, and name of the function whose address it holds.
 
     """
 
@@ -77,101 +81,89 @@ class Block:
         self.words: list[int] = []
         self.pointers: list[tuple[int, int]] = []
         self.calls: list[tuple[int, str]] = []
-        self._at: dict[int, int] = {}
+        self._positions: dict[int, int] = {}
 
-    def at(self, part: Any, *fields: str) -> int:
+    def position(self, data: Any, *fields: str) -> int:
         """
-        Return where a record or array is in the block; the first time, it is added.
+        Return the position of a record or array, which is added the first time.
 
         Parameters
         ----------
-        part : NumPy record or array
-            Which one.
+        data : NumPy record or array
+            Part of the memory.
         *fields : str
-            A field of it, a field of that one, and so on, which then is what is sought.
+            Path to a field of the record, whose position is then returned.
 
         """
-        memory: Any = next(argument_memory(part))
-        if memory.ctypes.data not in self._at:
-            self._at[memory.ctypes.data] = len(self.words)
-            content = memory.tobytes() + bytes(-memory.nbytes % _WORD)
+        memory: Any = next(argument_memory(data))
+        address = memory.ctypes.data
+        if address not in self._positions:
+            self._positions[address] = len(self.words)
+            content = memory.tobytes() + bytes(-memory.nbytes % _WORD_BYTES)
             self.words += np.frombuffer(content, np.uint64).tolist()
-        found, kind = self._at[memory.ctypes.data], part.dtype
+        position, dtype = self._positions[address], data.dtype
         for name in fields:
-            kind, offset = kind.fields[name][:2]
-            found += offset // _WORD
-        return found
+            dtype, offset = dtype.fields[name][:2]
+            position += offset // _WORD_BYTES
+        return position
 
-    def add(self, arguments: tuple[Any, ...], addresses: Any) -> int:
-        """Add arguments of a function, and their addresses; return where these are."""
-        targets = [x if x is None else self.at(x) for x in argument_memory(arguments)]
-        start = self.at(addresses)
+    def add_call(self, arguments: tuple[Any, ...], addresses: Any) -> int:
+        """
+        Add the arguments of a function, and the array of their addresses.
+
+        The position of this array is returned.
+        """
+        targets = [x if x is None else self.position(x) for x in argument_memory(arguments)]
+        start = self.position(addresses)
         self.pointers += [(k, x) for k, x in enumerate(targets, start) if x is not None]
         return start
 
 
-def step_of(config: ControllerConfig, model: Model) -> CompiledStep:
-    """Return the step of a law at the start; raise `CtcError` where C cannot have it."""
+def compile_law(config: ControllerConfig, model: Model) -> CompiledStep:
+    """
+    Return the compiled step of a new controller.
+
+    `CtcError` is raised if the law cannot be exported.
+    """
     controller = Controller(config.changed({'compiled': True}), model)
     step = controller.compiled_step()
     if step is None:
         raise CtcError(f'model {config.model} with law {config.law} cannot be exported; allowed: '
-                       'models two_link and urdf, laws of marked records')
+                       'models two_link and urdf, laws made of marked records')
     settings = controller.settings
     if any(np.count_nonzero(x) > model.n for x in (settings.kp, settings.kv)):
-        raise CtcError('kp, kv: a full matrix cannot be exported; allowed: one per joint')
+        raise CtcError('kp, kv: a full matrix cannot be exported; allowed: one value per joint')
     return step
 
 
-def takes_gains(step: CompiledStep, config: ControllerConfig, model: Model) -> bool:
-    """Return whether `apply_gains` gives what a controller with other gains is made of."""
+def gains_are_separable(step: CompiledStep, config: ControllerConfig, model: Model) -> bool:
+    """Return whether `apply_gains` equals the construction with other gains."""
     joints = np.arange(1.0, model.n + 1.0)
     gains = {name: k * joints for k, name in enumerate(_GAINS, 3)}
-    other, now = Controller(config.changed(gains), model), load(step.code.arguments[0].law)
-    law = now.with_gains(other.settings.kp, other.settings.kv, gains['ka'])
+    expected = Controller(config.changed(gains), model)
+    present = load(step.code.arguments[0].law)
+    law = present.with_gains(expected.settings.kp, expected.settings.kv, gains['ka'])
     return all(packed(a).tobytes() == packed(b).tobytes() for a, b in (
-        (law, other.law), (law.reconfigured(now.initial()), other.memories.law)))
-
-
-def block_of(step: CompiledStep, gains: Code) -> tuple[Block, dict[str, int]]:
-    """
-    Return the memory of a step that has not been called, and of `apply_gains`.
-
-    With it where steps read and write, by the names in ``ctc_law.c``; 0 for what a law lacks.
-    """
-    block, (records, points) = Block(), step.code.arguments
-    settings, memories = records.settings, records.memories
-    observes = 'oscillation' in memories.dtype['law'].names
-    named = {
-        'PLACES': block.add(step.code.arguments, step.code.addresses),
-        'GAIN_PLACES': block.add(gains.arguments, gains.addresses),
-        'MEMORIES': block.at(memories), 'MEASURED': block.at(records.measured),
-        'REFERENCE': block.at(points), 'MADE': block.at(records.result),
-        'MASS_MATRIX': block.at(records.now, 'M'), 'KP': block.at(settings, 'kp'),
-        'KV': block.at(settings, 'kv'), 'KA': block.at(gains.arguments[1]),
-        **{name.upper(): block.at(memories, 'law', 'oscillation', name) if observes else 0
-           for name in ('strained', 'cycling')}}
-    for record, code, arguments, places in step.arm.calls:
-        block.pointers.append((block.at(record, 'arguments'), block.add(arguments, places)))
-        block.calls.append((block.at(record, 'function'), _FUNCTIONS[code.function]))
-    for at, _ in (*block.pointers, *block.calls):
-        block.words[at] = 0
-    return block, named
+        (law, expected.law), (law.reconfigured(present.initial()), expected.memories.law)))
 
 
 def check_package(name: str) -> None:
     """Raise `UsageError` unless a ROS package with a controller can have this name."""
     if not re.fullmatch('[a-z][a-z0-9_]*', name):
-        raise UsageError(f'--ros2-control {name}: not allowed; allowed: small letters, digits '
-                         'and _, as of ROS packages')
+        raise UsageError(f'--ros2-control {name}: this is not a name of a ROS package; allowed: '
+                         'small letters, digits and _, beginning with a letter')
     description = (_TEMPLATES / 'ros2_control' / 'package.xml').read_text(encoding='utf-8')
     if name in re.findall(r'depend>(\w+)<', description):
-        raise UsageError(f'--ros2-control {name}: not allowed: the controller needs the package '
-                         'of this name')
+        raise UsageError(f'--ros2-control {name}: the controller needs the package of this name; '
+                         'choose another name')
 
 
 def c_string(text: str) -> str:
-    """Return a literal of C and C++ for text in UTF-8; two question marks are no trigraph."""
+    """
+    Return a literal of C and C++ for text in UTF-8.
+
+    Two question marks are escaped, since they may begin a trigraph.
+    """
     content = text.encode('utf-8', 'surrogatepass').decode('latin-1')
     return '"' + re.sub(r'[^ -~]|["\\?]', lambda x: f'\\{ord(x[0]):03o}', content) + '"'
 
@@ -179,23 +171,23 @@ def c_string(text: str) -> str:
 def export(config: ControllerConfig, model: Model, out: Path, processor: str = 'host',
            package: str = '', overwrite: bool = False) -> int:
     """
-    Write the library of one robot; return the size of its code.
+    Write the library of one robot, and return the size of its code.
 
     Parameters
     ----------
     config : ControllerConfig
         Law and gains.
     model : Model
-        Of the robot.
+        Model of the robot.
     out : Path
         Directory to make.
     processor : str
         As `object_file` takes it.
     package : str
-        Name of an ament_cmake package with a controller of ros2_control, which then is in `out`,
-        and the library in its folder ``ctc_law``; empty for the library alone.
+        Name of an ament_cmake package with a ros2_control controller in `out`. The library is then
+        in its folder ``ctc_law``. Empty for the library alone.
     overwrite : bool
-        Replace what an earlier call has written there.
+        Replace the files that an earlier call has written there.
 
     Raises
     ------
@@ -208,71 +200,87 @@ def export(config: ControllerConfig, model: Model, out: Path, processor: str = '
         check_package(package)
     from ctc_chattering.compiled.object_file import check_processor, object_file
     check_processor(processor)
-    step = step_of(config, model)
+    step = compile_law(config, model)
     gains = Code(apply_gains, (step.code.arguments[0], np.array(config.ka)), 'gains')
-    codes = {'ctc_control': step.code, **{
-        _FUNCTIONS[x.code.function]: x.code for x in step.arm.calls}}
-    if takes_gains(step, config, model):
-        codes[_SET] = gains
-    code, text = object_file(codes, processor)
-    block, named = block_of(step, gains)
-    continuous = config.which_are_continuous(model.continuous)
-    values = {**_values(config, load(step.code.arguments[0].settings)), 'PACKAGE': package,
-              'CONTINUOUS': ', '.join(str(int(x)) for x in continuous),
-              'BRAKING_TIME': BRAKING_TIME,
-              'DATA': _data(block, named, list(codes), config), 'WORDS': len(block.words)}
+    codes = {'ctc_control': step.code}
+    codes |= {_FUNCTIONS[x.code.function]: x.code for x in step.arm.calls}
+    if gains_are_separable(step, config, model):
+        codes[_GAINS_FUNCTION] = gains
+    code, assembly = object_file(codes, processor)
+    values = {
+        'PACKAGE': package,
+        'CONTINUOUS': _listed(map(int, config.which_are_continuous(model.continuous))),
+        'FUNCTIONS': ''.join(f'code {name};\n' for name in codes),
+        'GAINS_FUNCTION': _GAINS_FUNCTION if _GAINS_FUNCTION in codes else 'NULL',
+        **_settings(config, load(step.code.arguments[0].settings)),
+        **_memory(step, gains)}
     with new_folder(out, EXPORT, overwrite) as folder:
         library = folder / 'ctc_law' if package else folder
         _write(_TEMPLATES, library, values)
         if package:
             _write(_TEMPLATES / 'ros2_control', folder, values)
         write_bytes(library / 'ctc_law_code.o', code)
-        write_text(library / 'ctc_law_code.ll', text)
+        write_text(library / 'ctc_law_code.ll', assembly)
     return len(code)
 
 
 def _write(templates: Path, out: Path, values: Mapping[str, object]) -> None:
-    """Write the files of templates with values in the place of ``@NAME@``."""
+    """Write the files of templates, with values instead of ``@NAME@``."""
     for path in filter(Path.is_file, templates.iterdir()):
         write_text(out / path.name, re.sub(
             '@([A-Z0-9_]+)@', lambda x: str(values[x[1]]), path.read_text(encoding='utf-8')))
 
 
-def _values(config: ControllerConfig, settings: ControlSettings) -> dict[str, object]:
-    """Return what the header says of a law."""
-    gains: tuple[Any, ...] = settings.kp.diagonal(), settings.kv.diagonal(), config.ka
-    return {'LAW': config.law, 'JOINTS': len(config.joint_names),
-            'JOINT_NAMES': ', '.join(map(c_string, config.joint_names)),
-            'DELAY': config.input_delay, 'PERIOD': config.control_period,
-            'PERIOD_NS': period_ns(config.control_period),
-            'RATE': f'{1.0 / config.control_period:g}',
-            'GROWTH': TRIP_LIMITS.growth, 'PATIENCE': TRIP_LIMITS.strained,
-            'CYCLE': TRIP_LIMITS.cycling,
-            'MARGIN': LIMITS.margin,
-            'LEAST': LEAST, 'LARGEST': LARGEST,
-            **{name.upper(): ', '.join(map(repr, map(float, x)))
-               for name, x in zip(_GAINS, gains)}}
+def _listed(items: Iterable[object]) -> str:
+    """Return the items of an array in C."""
+    return ', '.join(map(str, items))
 
 
-def _data(block: Block, named: dict[str, int], functions: Sequence[str],
-          config: ControllerConfig) -> str:
-    """Return the numbers of a law in C."""
-    constants = named | {
-        'WATCHED': int(law_class(config.law).is_watched), 'LARGEST_GROWTH': TRIP_LIMITS.growth,
-        'PATIENCE': TRIP_LIMITS.strained, 'LONGEST_CYCLE': TRIP_LIMITS.cycling,
-        'POSITION_MARGIN': LIMITS.margin,
-        'LARGEST_ACCELERATION': LIMITS.acceleration,
-        'GAINS_FUNCTION': _SET if _SET in functions else 'NULL'}
+def _settings(config: ControllerConfig, settings: ControlSettings) -> dict[str, object]:
+    """Return values of the templates from configuration and limits."""
     bounds = [config.parameters()[name].bounds for name in _GAINS]
-    tables = {
-        'uint64_t content[]': [f'{x:#x}' for x in block.words],
-        'double bounds[3][2]': [f'{{{low}, {high}}}' for low, high in bounds],
-        'double error_limit[CTC_JOINTS]': [
-            'INFINITY' if isinf(x) else repr(x) for x in config.error_limit],
-        'struct { uint32_t at, to; } pointers[]': [f'{{{a}, {b}}}' for a, b in block.pointers],
-        'struct { uint32_t at; code *function; } calls[]': [
-            f'{{{at}, {name}}}' for at, name in block.calls]}
-    lines = [f'#define {name} {value}' for name, value in constants.items()]
-    lines += [f'code {name};' for name in functions]
-    lines += [f'static const {head} = {{{", ".join(rows)}}};' for head, rows in tables.items()]
-    return '\n'.join(line for text in lines for line in textwrap.wrap(text, 99))
+    return {
+        'LAW': config.law, 'JOINTS': len(config.joint_names),
+        'JOINT_NAMES': _listed(map(c_string, config.joint_names)),
+        'DELAY': config.input_delay, 'PERIOD': config.control_period,
+        'PERIOD_NS': period_ns(config.control_period),
+        'RATE': f'{1.0 / config.control_period:g}',
+        'WATCHED': int(law_class(config.law).is_watched), 'GROWTH': TRIP_LIMITS.growth,
+        'MAX_STRAINED_S': TRIP_LIMITS.strained, 'MAX_CYCLING_S': TRIP_LIMITS.cycling,
+        'MARGIN': LIMITS.margin, 'ACCELERATION': LIMITS.acceleration,
+        'BRAKING_TIME': BRAKING_TIME, 'LEAST': LEAST, 'LARGEST': LARGEST,
+        'KP': _listed(settings.kp.diagonal().tolist()),
+        'KV': _listed(settings.kv.diagonal().tolist()), 'KA': _listed(config.ka),
+        'BOUNDS': _listed(f'{{{low}, {high}}}' for low, high in bounds),
+        'ERROR_LIMIT': _listed('INFINITY' if isinf(x) else x for x in config.error_limit)}
+
+
+def _memory(step: CompiledStep, gains: Code) -> dict[str, object]:
+    """Return values of the templates for the memory of the functions."""
+    block, (records, points) = MemoryBlock(), step.code.arguments
+    memories, settings = records.memories, records.settings
+    values: dict[str, object] = {
+        'STEP_ADDRESSES': block.add_call(step.code.arguments, step.code.addresses),
+        'GAIN_ADDRESSES': block.add_call(gains.arguments, gains.addresses),
+        'MEMORIES': block.position(memories), 'MEASURED': block.position(records.measured),
+        'REFERENCE': block.position(points), 'TERMS': block.position(records.result),
+        'MASS_MATRIX': block.position(records.now, 'M'),
+        'KP_POSITION': block.position(settings, 'kp'),
+        'KV_POSITION': block.position(settings, 'kv'),
+        'KA_POSITION': block.position(gains.arguments[1])}
+    observes_oscillation = 'oscillation' in memories.dtype['law'].names
+    for name in ('strained', 'cycling'):
+        values[name.upper()] = block.position(
+            memories, 'law', 'oscillation', name) if observes_oscillation else 0
+    for record, code, arguments, addresses in step.arm.calls:
+        pointer = block.position(record, 'arguments')
+        block.pointers.append((pointer, block.add_call(arguments, addresses)))
+        block.calls.append((block.position(record, 'function'), _FUNCTIONS[code.function]))
+    for position, _ in (*block.pointers, *block.calls):
+        block.words[position] = 0
+    pointers = _listed(f'{{{a}, {b}}}' for a, b in block.pointers)
+    values['POINTERS'] = textwrap.fill(pointers, 99)
+    values['CALLS'] = _listed(f'{{{position}, {name}}}' for position, name in block.calls)
+    values['WORDS'] = len(block.words)
+    values['CONTENT'] = textwrap.fill(_listed(map(hex, block.words)), 99)
+    return values

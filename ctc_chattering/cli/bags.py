@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""`ctc plot`, `export`, `replay`, `repair`: what is done with bags."""
+"""
+`ctc plot`, `export`, `replay` and `repair`: commands on recorded bags.
+
+Each reads bags through the folder `bags` and prints a short report.
+"""
 
 from __future__ import annotations
 
@@ -33,20 +37,16 @@ from ctc_chattering.parameters import LEAST
 def plot_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc plot`."""
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG',
-                        help='bag, or directory of bags')
+                        help='Bag, or directory of bags.')
     parser.add_argument('--window', nargs=2, type=float, metavar=('BEGIN', 'END'),
-                        help='part of the runs over which metrics are computed [s]; default: 5 to '
-                             '10, or the second half of a run that has too little of that')
+                        help='Part of the runs over which metrics are computed. Default: 5 to 10, '
+                             'or the second half of a run too short for this. [s]')
     add_own(parser)
     add_output(parser, 'plots')
 
 
 def run_plot(options: argparse.Namespace) -> int:
-    """
-    Run `ctc plot`.
-
-    Write them with metrics.json and index.html. Several bags are compared.
-    """
+    """Run `ctc plot`."""
     from ctc_chattering.analysis.run_page import PAGE, PLOT, write_runs
     from ctc_chattering.bags.reader import find_bags, read_bag
     from ctc_chattering.cli.presentation import print_page, print_results
@@ -57,20 +57,21 @@ def run_plot(options: argparse.Namespace) -> int:
     check_folder(options.out, PLOT, options.overwrite)
     bags, results = [], []
     for path in options.bags:
-        with as_ctc_error(f'{path}: cannot be searched for bags'):
-            found = find_bags(path)
-        for bag in found or [path]:
+        with as_ctc_error(f'{path}: the directory cannot be searched for bags'):
+            contained = find_bags(path)
+        for bag in contained or [path]:
             try:
                 result = read_bag(bag, **own(options))
                 results.append(dataclasses.replace(result, window=window) if window else result)
                 bags.append(bag)
             except CtcError as error:
-                if not found:
+                if not contained:
                     raise
-                say(f'left out: {error}')
+                say(f'a bag is left out: {error}')
     if not results:
-        raise CtcError(f'no bag of this package in {", ".join(map(str, options.bags))}')
-    print(f'drawing {format_count(len(results), "run")} ...', flush=True)
+        folders = ', '.join(map(str, options.bags))
+        raise CtcError(f'{folders}: there is no bag recorded by this package; name other bags')
+    print(f'The figures of {format_count(len(results), "run")} are being drawn ...', flush=True)
     write_runs(results, options.out, bags, options.format, options.said, options.overwrite)
     print_results(results)
     print_page(options.out / PAGE)
@@ -82,17 +83,12 @@ def export_options(parser: argparse.ArgumentParser) -> None:
     add_bag(parser)
     add_own(parser)
     parser.add_argument('--csv', action='store_true',
-                        help='write trajectory.csv instead of trajectory.npz')
+                        help='Write trajectory.csv instead of trajectory.npz.')
     add_output(parser, 'export', figures=False)
 
 
 def run_export(options: argparse.Namespace) -> int:
-    """
-    Run `ctc export`.
-
-    Write trajectory.npz, which also has the gains, or trajectory.csv, with names and units of the
-    joints. Torques that have times of their own are in trajectory_commands.csv.
-    """
+    """Run `ctc export`."""
     from ctc_chattering.analysis.export import commands_path, export
     from ctc_chattering.bags.reader import read_bag
 
@@ -101,9 +97,9 @@ def run_export(options: argparse.Namespace) -> int:
         name = 'trajectory.csv' if options.csv else 'trajectory.npz'
         export(result, folder / name)
     path = options.out / name
-    print(f'{len(result.t)} samples: {path}')
+    print(f'{len(result.t)} samples were written to {path}')
     if commands_path(path).exists():
-        print(f'{len(result.torque.t)} torques: {commands_path(path)}')
+        print(f'{len(result.torque.t)} torques were written to {commands_path(path)}')
     for note in result.metrics()['notes']:
         print(note)
     return 0
@@ -112,45 +108,39 @@ def run_export(options: argparse.Namespace) -> int:
 def replay_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc replay`."""
     add_bag(parser)
-    add_number(parser, '--rate', 'speed factor', 1.0, 'float', minimum=LEAST)
-    add_number(parser, '--delay', 'time to wait for subscribers first', 1.0, 'float', unit='s',
-               minimum=0.0)
+    add_number(parser, '--rate', 'Factor on the speed of the recording', 1.0, 'float',
+               minimum=LEAST)
+    add_number(parser, '--delay', 'Time to wait for subscribers before the first message', 1.0,
+               'float', unit='s', minimum=0.0)
 
 
 def run_replay(options: argparse.Namespace) -> int:
-    """
-    Run `ctc replay`.
-
-    With its original timing.
-    """
+    """Run `ctc replay`."""
     from ctc_chattering.bags.replay import replay
-    print(f'{replay(options.bag, options.rate, options.delay)} messages')
+    print(f'{replay(options.bag, options.rate, options.delay)} messages were published')
     return 0
 
 
 def repair_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc repair`."""
     parser.add_argument('bag', type=Path, metavar='BAG',
-                        help='directory of a bag, or one of its files, which is repaired alone')
+                        help='Directory of a bag, or one of its files, which is then repaired '
+                             'alone.')
 
 
 def run_repair(options: argparse.Namespace) -> int:
-    """
-    Run `ctc repair`.
-
-    Damaged files are written anew with all messages of whole chunks. A damaged file is kept
-    beside the new one, with the ending .damaged; other files are left as they are.
-    """
+    """Run `ctc repair`."""
     from ctc_chattering.bags.repair import repair
 
     check_regular(options.bag)
     repaired = repair(options.bag)
     if repaired is None:
-        print(f'{options.bag}: nothing to repair')
-    elif not repaired.recovered:
-        print(f'{options.bag}: no file is damaged; metadata.yaml is written')
+        print(f'{options.bag}: the bag is intact; nothing was changed')
+        return 0
+    if repaired.recovered:
+        print(f'{options.bag}: {repaired.recovered} messages were recovered')
     else:
-        print(f'{options.bag}: {repaired.recovered} messages recovered')
-    for kept in repaired.replaced if repaired else ():
-        print(f'kept as it was: {kept}')
+        print(f'{options.bag}: no file is damaged; metadata.yaml was written')
+    for kept in repaired.replaced:
+        print(f'the damaged file is kept as {kept}')
     return 0

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-`bringup`: start plant, controller and reference, record if asked, and stop them together.
+`bringup`: start plant, controller and reference, and stop them together.
 
 The command line becomes a checked `Setup`, which `launch.graph` runs.
 """
@@ -38,18 +38,20 @@ def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = Parser(
         prog='bringup',
-        description='Start plant, controller and reference with one parameter file; stop all of '
-                    'them on Ctrl-C, SIGTERM, the end of the experiment, or when one exits.',
-        epilog='Arguments after --ros-args apply to all nodes: --params-file F, -p NAME:=VALUE or '
-               'NODE:NAME:=VALUE (these override the options above, the last one wins), '
-               '-r __ns:=/robot1 and other remaps. The graph is confined to this host unless '
-               'ROS_AUTOMATIC_DISCOVERY_RANGE is set.')
-    parser.add_argument('--version', action='version', version=__version__)
+        description='Start plant, controller and reference with one parameter file. All nodes '
+                    'stop on Ctrl-C, on SIGTERM, at the end of the experiment, and when one of '
+                    'them exits.',
+        epilog='Arguments after --ros-args apply to all nodes. They are --params-file F, '
+               '-p NAME:=VALUE, -p NODE:NAME:=VALUE, -r __ns:=/robot1 and other remaps. Their '
+               'parameters override the options above, and the last value counts. The graph is '
+               'confined to this host unless ROS_AUTOMATIC_DISCOVERY_RANGE is set.')
+    parser.add_argument('--version', action='version', version=__version__,
+                        help='Print the version and exit.')
     add_run_options(parser)
     add_overrides(parser, 'pacing')
     parser.add_argument('--record', type=Path, metavar='BAG',
-                        help='record all topics into this new directory')
-    parser.add_argument('--live', action='store_true', help='also show the graph in the browser')
+                        help='Record all topics into this new directory.')
+    parser.add_argument('--live', action='store_true', help='Also show the graph in the browser.')
     return parser
 
 

@@ -12,17 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What every command line has: errors of one line, and exit statuses."""
+"""Parser, exit statuses and one-line errors that all command lines share."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
 import os
-import re
 import sys
 import traceback
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from ctc_chattering.errors import CtcError, suggest, UsageError
 
@@ -30,24 +29,36 @@ from ctc_chattering.errors import CtcError, suggest, UsageError
 class Parser(argparse.ArgumentParser):
     """A parser whose error message is one line."""
 
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(add_help=False, **settings)
+        self.add_argument('-h', '--help', action='help', help='Print this help and exit.')
+
     def error(self, message: str) -> NoReturn:
         """Raise `UsageError`."""
-        word, *known = re.findall(r"'([^']*)'", message) if 'invalid choice' in message else ['']
-        raise UsageError(f'{message}{suggest(word, known)}; see {self.prog} --help')
+        raise UsageError(f'{message}; see {self.prog} --help')
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse a value that is no choice, and suggest a similar choice."""
+        if action.choices is not None and value not in action.choices:
+            choices = list(action.choices)
+            raise argparse.ArgumentError(
+                action, f'{value!r} is not allowed; allowed: {" | ".join(choices)}'
+                f'{suggest(value, choices)}')
 
 
 def say(line: str) -> None:
-    """Print a line that is no result."""
+    """Print a remark on standard error, apart from the results."""
     print(line, file=sys.stderr, flush=True)
 
 
 def guarded(name: str, command: Callable[[], int]) -> int:
     """
-    Run a command; a `CtcError`, or too little memory, becomes one line.
+    Run a command and return its exit status.
 
-    The status is then 1, or 2 if the command line is wrong or a package is missing. Any other
-    exception is a defect of this package, and shown with its traceback.
-    From Python 3.11 on, no process that it starts imports what lies in the current directory.
+    A `CtcError` or a lack of memory is printed as one line. The status is then 1, or 2 if the
+    command line is wrong or a package is missing. Any other exception is a defect of this package
+    and is printed with its traceback. From Python 3.11 on, processes that the command starts
+    import nothing from the current directory.
     """
     os.environ.setdefault('PYTHONSAFEPATH', '1')
     try:
@@ -56,7 +67,7 @@ def guarded(name: str, command: Callable[[], int]) -> int:
         say(f'{name}: {error}')
         return 2 if isinstance(error, UsageError) else 1
     except MemoryError as error:
-        say(f'{name}: too little memory: {error}'.rstrip(': '))
+        say(f'{name}: the memory does not suffice: {error}'.rstrip(': '))
         return 1
     except KeyboardInterrupt as stop:
         say(f'{name}: {str(stop) or "stopped"}')
@@ -67,8 +78,8 @@ def guarded(name: str, command: Callable[[], int]) -> int:
     except Exception as error:
         module = (getattr(error, 'name', None) or '').split('.')[0]
         if isinstance(error, ModuleNotFoundError) and module != 'ctc_chattering':
-            say(f'{name}: {module} is missing; docs/install.md says what to install')
+            say(f'{name}: the Python package {module} is missing; install it (docs/install.md)')
             return 2
         traceback.print_exc()
-        say(f'{name}: a defect of ctc_chattering; please report the lines above')
+        say(f'{name}: this is a defect of ctc_chattering; please report the lines above')
         return 1

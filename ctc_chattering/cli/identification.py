@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""`ctc excite` and `identify`: a motion that shows the friction, and what its bags tell."""
+"""
+`ctc excite` and `identify`: an excitation motion, and the robot identified from its bags.
+
+Both commands read files, call the folder `identification` and print its results.
+"""
 
 from __future__ import annotations
 
@@ -52,91 +56,87 @@ from ctc_chattering.identification.random_motions import ExcitationConfig
 from ctc_chattering.identification.table_motion import read_table, SUFFIX
 from ctc_chattering.output_folder import check_folder
 
-#: What is asked of the motion: parameters that are options.
-_ASKED = {name: dataclasses.replace(spec, default=None) if name in ('center', 'friction') else spec
-          for name, spec in ExcitationConfig.parameters().items()
-          if name not in ('joint_names', 'start')}
+#: Parameters of the motion that are options.
+_MOTION_OPTIONS = {
+    name: dataclasses.replace(spec, default=None) if name in ('center', 'friction') else spec
+    for name, spec in ExcitationConfig.parameters().items()
+    if name not in ('joint_names', 'start')}
 
 
 def excite_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc excite`."""
     add_params_file(parser)
-    for spec in _ASKED.values():
+    for spec in _MOTION_OPTIONS.values():
         add_declared(parser, spec)
     parser.add_argument('--for', dest='joints', type=words, default=(), metavar='A,B',
-                        help='joints that the motion is for: the others move little; default: all')
+                        help='Joints to excite. The other joints move little. Default: all '
+                             'joints.')
     add_output(parser, 'excite', figures=False)
 
 
 def run_excite(options: argparse.Namespace) -> int:
-    """
-    Run `ctc excite`.
-
-    Slow reversals of every joint at a few poses, where it also creeps, then multisines, within the
-    limits of the description, all at random. Write motion.yaml, its waypoints, and run.yaml, the
-    parameter file with this motion under law compensation. Where the description has collision
-    shapes, links keep their distance from each other; obstacles around the robot are not known.
-    """
-    # The motion of the reference is not played, and so may exceed the limits.
+    """Run `ctc excite`."""
+    # The reference's own motion is not run, and so it may exceed the limits.
     still = {'reference': {'amplitude': 0.0, 'trajectory_file': ''}}
     setup = parameter_file.load(find_config(options.params_file), still)
     out = options.out
     check_folder(out, EXCITE, options.overwrite)
-    with as_usage_error(_ASKED):
-        plan = excite(setup, {name: x for name in _ASKED
+    with as_usage_error(_MOTION_OPTIONS):
+        plan = excite(setup, {name: x for name in _MOTION_OPTIONS
                               if (x := getattr(options, name)) is not None}, options.joints)
     write_excitation(plan, setup, out, options.overwrite)
     print(plan.text())
-    print(f'{len(plan.excitation.times) - 1} waypoints: {out / MOTION}; play them with bringup '
-          f'{out / RUN}')
+    print(f'{len(plan.excitation.times) - 1} waypoints were written to {out / MOTION}; next: '
+          f'bringup {out / RUN}')
     return 0
 
 
 def _say(text: str) -> None:
-    """Print text in lines that a terminal has room for."""
+    """Print text in lines of the terminal's width."""
     print('\n'.join(paragraph(text, 0)))
 
 
 def identify_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc identify`."""
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG',
-                        help='bag of the robot, or a table of comma-separated values: t, q_JOINT '
-                             '..., tau_JOINT ...')
+                        help='Bag of the robot, or a table of comma-separated values with the '
+                             'columns t, q_JOINT ..., tau_JOINT ....')
     parser.add_argument('--urdf', metavar='FILE',
-                        help="URDF, a path or package://NAME/PATH, default: the bag's")
+                        help='URDF of the robot, as a path or package://NAME/PATH. Default: the '
+                             "bag's description.")
     parser.add_argument('--model', default='', metavar='NAME',
-                        help="two_link, urdf, or package.module:Name, default: the bag's")
+                        help='Robot model: two_link, urdf, or your own as package.module:Name. '
+                             "Default: the bag's model.")
     parser.add_argument('--joints', type=words, default=(), metavar='A,B,C',
-                        help="joints in the order of the commands, default: the bag's")
+                        help="Joints in the order of the commands. Default: the bag's joints.")
     add_declared(parser, dataclasses.replace(
-        GRAVITY, default=None, description="Acceleration of gravity, default: the bag's, or 9.81"))
+        GRAVITY, default=None,
+        description="Acceleration of gravity. Default: the bag's value, or 9.81"))
     parser.add_argument('--effort', choices=(MOTOR, LINK, CURRENT),
-                        help='what the effort is: the torque of the motor, that of the link '
-                             '(sensor behind the gear), or a current; needed without commands')
+                        help='Meaning of the recorded effort: torque of the motor, torque of the '
+                             'link (sensor behind the gear), or current of the motor. It is '
+                             'needed if no commands were recorded.')
     add_declared(parser, TORQUE_CONSTANT)
     parser.add_argument('--states', default='joint_states', metavar='TOPIC',
-                        help='topic of the joint states, default: joint_states')
+                        help='Topic of the joint states. Default: joint_states.')
     parser.add_argument('--commands', default='effort_controller/commands', metavar='TOPIC',
-                        help='topic of the commanded torques, default: '
-                             'effort_controller/commands; TOPIC:FIELD for a field of any message')
+                        help='Topic of the commanded torques, or TOPIC:FIELD for a field of any '
+                             'message. Default: effort_controller/commands.')
     add_declared(parser, TORQUE_RATE)
     add_declared(parser, UNCERTAINTY)
     parser.add_argument('--payload', action='append', type=payload, metavar='KG@LINK', default=[],
-                        help='known payload at the origin of a link, as 1.3@tool0, for each bag '
-                             'in turn, 0 for none; without a link, at the tip. A run with and one '
-                             'without it tell torque constants from masses')
-    add_number(parser, '--trials', 'number of simulated robots, drawn within the intervals, on '
-               'which the gains are tried; default: 24, or 8 without numba; 0 for none', minimum=0)
+                        help='Known payload at the origin of a link, for example 1.3@tool0. '
+                             'Without a link it is at the tip. Repeat the option for each bag in '
+                             'turn, with 0 for no payload. A run with and a run without payload '
+                             'separate torque constants from masses. [kg]')
+    add_number(parser, '--trials', 'Number of simulated robots for trial runs of the gains. They '
+               'are drawn within the intervals. 0 for no trial runs. Default: 24, or 8 without '
+               'numba', minimum=0)
     add_output(parser, 'identified')
 
 
 def run_identify(options: argparse.Namespace) -> int:
-    """
-    Run `ctc identify`.
-
-    The bags may come from any recorder; intervals are those of 95 %. Write identified.yaml,
-    identify.json, figures and index.html.
-    """
+    """Run `ctc identify`."""
     out = options.out
     check_folder(out, IDENTIFY, options.overwrite)
     urdf = read_description(options.urdf) if options.urdf else ''
@@ -147,12 +147,12 @@ def run_identify(options: argparse.Namespace) -> int:
     for note in [note for motion in motions for note in motion.notes]:
         say(note)
     with as_usage_error(('torque_rate', 'torque_constant', 'payloads', 'urdf_uncertainty')):
-        # Motions are not kept here: long ones are large.
-        found = identify([motions.pop(0) for _ in options.bags], options.model, urdf,
+        # Long recordings are large, so no reference to them stays here.
+        robot = identify([motions.pop(0) for _ in options.bags], options.model, urdf,
                          options.gravity, options.effort or '', options.torque_rate or (),
                          options.torque_constant, options.payload, options.urdf_uncertainty)
     identified = write_identified(
-        found, out, options.trials, say, options.format, options.said, options.overwrite)
+        robot, out, options.trials, say, options.format, options.said, options.overwrite)
     return _show_robot(identified, out)
 
 
@@ -162,15 +162,16 @@ def payload(text: str) -> tuple[float, str]:
     return float(mass), link
 
 
-def _show_robot(found: IdentifiedRobot, out: Path) -> int:
-    """Print what was found, and where it is."""
-    print(found.results.text())
+def _show_robot(robot: IdentifiedRobot, out: Path) -> int:
+    """Print the results and the path of the page."""
+    print(robot.results.text())
     print()
-    if found.missing:
-        _say(f'{VALUES} is not written, since there are no gains of {", ".join(found.missing)}')
+    if robot.missing:
+        _say(f'{VALUES} is not written, because there are no gains for '
+             f'{", ".join(robot.missing)}')
         print_page(out / PAGE)
     else:
         print_page(out / PAGE, f'ctc simulate {out / VALUES}')
-    if not any(x.usable for x in found.results.verdicts):
-        raise CtcError(f'no joint is usable: why, and what to record, is in {out / PAGE}')
+    if not any(x.usable for x in robot.results.verdicts):
+        raise CtcError(f'no joint is usable; {out / PAGE} gives the reasons and what to record')
     return 0

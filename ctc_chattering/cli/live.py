@@ -24,7 +24,7 @@ import sys
 from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.cli.command_line import say
-from ctc_chattering.cli.options import add_number, add_own, own
+from ctc_chattering.cli.options import add_number, add_overwrite, add_own, own
 from ctc_chattering.errors import UsageError
 from ctc_chattering.output_files import check_file
 
@@ -35,53 +35,50 @@ if TYPE_CHECKING:
 def live_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc live`."""
     parser.add_argument('bags', nargs='*', type=Path, metavar='BAG',
-                        help='bag; one or two')
+                        help='One bag, or two bags to compare.')
     parser.add_argument('--export', type=Path, metavar='FILE',
-                        help='write a self-contained HTML file of the bags, serve no page')
-    parser.add_argument('--overwrite', action='store_true', help='replace an existing file')
+                        help='Write a self-contained HTML file of the bags instead of serving a '
+                             'page.')
+    add_overwrite(parser)
     add_own(parser)
     parser.add_argument('--host', default='127.0.0.1', metavar='H',
-                        help='address to listen on, default: 127.0.0.1, which other machines '
-                             'cannot reach')
-    add_number(parser, '--port', 'port, default: the first free one from 8080 on',
+                        help='Address to listen on. Default: 127.0.0.1, which other machines '
+                             'cannot reach.')
+    add_number(parser, '--port', 'Port of the page. Default: the first free port from 8080 on',
                minimum=0, maximum=65535)
     parser.add_argument('--open', action=argparse.BooleanOptionalAction, default=None,
-                        help='open the page in a browser here, default: if in a terminal')
+                        help='Open the page in a browser on this computer. Default: yes in a '
+                             'terminal.')
     parser.add_argument('--bags-in', type=Path, default=Path(), metavar='DIR',
-                        help='where the page records bags of the graph, default: here')
+                        help='Directory in which the page records bags. Default: the current '
+                             'directory.')
     parser.add_argument('--read-only', action='store_true',
-                        help='no controls; nothing is sent to the graph')
+                        help='Show the graph without controls. Nothing is sent to it.')
     parser.add_argument('--parent', type=int, help=argparse.SUPPRESS)
 
 
 def run_live(options: argparse.Namespace) -> int:
-    """
-    Run `ctc live`.
-
-    Without a bag the page shows the running graph, and its controls change law, gains and plant;
-    arguments after --ros-args are for ROS, such as -r __ns:=/robot1. Two bags are shown side by
-    side.
-    """
+    """Run `ctc live`."""
     if options.export is not None:
         return _export(options)
     from ctc_chattering.live import require_viser
     require_viser()
     from ctc_chattering.live.page import Page
-    from ctc_chattering.live.server import opened, warning_of
+    from ctc_chattering.live.server import exposure_warning, open_browser
     if options.bags and (options.read_only or options.ros_args):
-        raise UsageError('--read-only and --ros-args are for the page of a graph, not of bags')
+        raise UsageError('--read-only and --ros-args apply to the page of a graph, not of bags')
     if not options.bags_in.is_dir():
-        raise UsageError(f'--bags-in {options.bags_in}: no such directory')
-    if warning := warning_of(options.host):
+        raise UsageError(f'--bags-in {options.bags_in}: there is no such directory')
+    if warning := exposure_warning(options.host):
         say(f'ctc live: {warning}')
 
     with ExitStack() as open_pages:
         def make_page() -> Page:
             page = Page('ctc live', options.host, options.port)
-            print(f'open {page.url} in a browser; Ctrl-C stops', flush=True)
+            print(f'open {page.server.url} in a browser; Ctrl-C stops', flush=True)
             wanted = sys.stdout.isatty() if options.open is None else options.open
             if wanted:
-                open_pages.enter_context(opened(page.url))
+                open_pages.enter_context(open_browser(page.server.url))
             return page
 
         _serve(options, make_page)
@@ -110,10 +107,10 @@ def _runs(options: argparse.Namespace) -> list[Any]:
     from ctc_chattering.bags.reader import read_bag
     from ctc_chattering.live.bag_page import RecordedRun
     if len(options.bags) > 2:
-        raise UsageError(f'{len(options.bags)} bags; one or two can be shown')
+        raise UsageError(f'{len(options.bags)} bags were given; name one or two')
     runs = []
     for bag in options.bags:
-        print(f'reading {bag} ...', flush=True)
+        print(f'{bag} is being read ...', flush=True)
         runs.append(RecordedRun(read_bag(bag, **own(options))))
         if runs[-1].remark:
             say(f'ctc live: {bag}: {runs[-1].remark}')
@@ -124,7 +121,7 @@ def _export(options: argparse.Namespace) -> int:
     """Write the page of bags into one file."""
     from ctc_chattering.live.bag_page import write_export
     if not options.bags:
-        raise UsageError('--export needs a bag')
+        raise UsageError('--export needs a bag; name one or two')
     check_file(options.export, options.overwrite)
     size = write_export(_runs(options), options.export)
     print(f'{options.export}: {size / 1e6:.1f} MB; it opens in a browser and needs no network')

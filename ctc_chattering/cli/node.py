@@ -13,11 +13,11 @@
 # limitations under the License.
 
 """
-Executables of the nodes, and what `bringup` starts for each.
+Executables of the nodes, which `bringup` also starts.
 
-Signal handlers are set before anything else is imported: importing ROS takes a good part of a
-second, in which SIGINT would cause a traceback. Finalizing the interpreter takes as long, and is
-left out.
+Signal handlers are set before anything else is imported. Importing ROS takes a good part of a
+second, and SIGINT would cause a traceback meanwhile. The interpreter is not finalized, because
+this takes as long.
 """
 
 from __future__ import annotations
@@ -86,8 +86,10 @@ def _make_parser(name: str) -> argparse.ArgumentParser:
     parser = Parser(
         prog=name, description=NODE_DESCRIPTIONS[name],
         usage='%(prog)s [--help] [--version] [--ros-args [--params-file F] [-p NAME:=VALUE] '
-              '[-r FROM:=TO] ...]', epilog='parameters: ctc parameters')
-    parser.add_argument('--version', action='version', version=__version__)
+              '[-r FROM:=TO] ...]',
+        epilog='`ctc parameters` lists all parameters.')
+    parser.add_argument('--version', action='version', version=__version__,
+                        help='Print the version and exit.')
     parser.add_argument('--parent', type=int, help=argparse.SUPPRESS)
     return parser
 

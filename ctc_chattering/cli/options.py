@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Arguments that several commands share; numbers are checked where they are read."""
+"""Options that several commands share, and the parameter file that they select."""
 
 from __future__ import annotations
 
@@ -32,72 +32,74 @@ from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.parameter_file import FROM_FILE, RECOMMENDED, with_gains
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import as_usage_error, ParameterError, UsageError
-from ctc_chattering.parameters import Parameter, unit_text
+from ctc_chattering.parameters import Parameter
 from ctc_chattering.simulation.plant_config import PlantConfig
 
-#: Most processes of a command: each takes some 100 MB.
-_MOST_JOBS = 1000
 #: Options that override a parameter file, and the sections of their parameters.
 _SECTIONS = {'law': 'controller', 'switching': 'controller', 'control_period': '/**',
              'duration': 'plant', 'pacing': 'plant'}
-#: What makes the value of an option of its text.
-_KINDS: dict[str, Callable[[str], Any]] = {
+#: Converters of an option's text, by kind of parameter.
+_CONVERTERS: dict[str, Callable[[str], Any]] = {
     'int': int, 'float': float, 'str': str,
     'float[]': lambda text: tuple(float(x) for x in text.split(','))}
+#: Largest number of processes of a command. Each takes about 100 MB.
+_MAX_JOBS = 1000
 _METAVARS = {'int': 'N', 'float': 'X', 'str': 'X', 'float[]': 'A,B,C'}
 
 
 def value_of(spec: Parameter) -> Callable[[str], Any]:
-    """Return what makes a value of text; it raises an error if the parameter refuses it."""
-    def value(text: str) -> Any:
+    """Return a function that converts an option's text to a value of this parameter."""
+    def convert(text: str) -> Any:
         try:
-            made = _KINDS[spec.kind](text)
-            spec.check(made, len(made) if isinstance(made, tuple) else 0)
+            value = _CONVERTERS[spec.kind](text)
+            spec.check(value, len(value) if isinstance(value, tuple) else 0)
         except ParameterError as error:
             raise UsageError(str(error)) from None
         except ValueError:
             raise argparse.ArgumentTypeError(
                 f'{text[:100]!r} is not allowed; allowed: {spec.allowed}') from None
-        return made
-    return value
+        return value
+    return convert
 
 
-def add_declared(parser: argparse.ArgumentParser, spec: Parameter) -> None:
+def add_declared(parser: Any, spec: Parameter) -> None:
     """
-    Add the option that a parameter declares: type, range, default, unit and description.
+    Add the option that a parameter declares, with unit, range and default in its help.
 
     Parameters
     ----------
-    parser : ArgumentParser
-        Of the command.
+    parser : ArgumentParser or group of options
+        Parser of the command.
     spec : Parameter
-        Without a default where that of another place counts.
+        Declaration. Its default is None if the value comes from elsewhere.
 
     """
-    name = spec.name.lstrip('-').replace('-', '_')
-    text = spec.description.rstrip('.') + (f' [{unit_text(spec.unit)}]' if spec.unit else '')
-    text += f': {" | ".join(spec.choices)}' if spec.choices else ''
-    text += ', for each joint or one for all' if spec.shape == 'n' else ''
+    name = spec.name.lstrip('-').replace('_', '-')
+    description = spec.description.rstrip('.')
+    sentences = [description[:1].upper() + description[1:]]
     if isinstance(spec.default, (int, float)) and isfinite(spec.default):
-        text += f'; default: {spec.default:g}'
+        sentences.append(f'Default: {spec.default:g}')
+    facts = f' [{spec.facts}]' if spec.facts else ''
     parser.add_argument(
-        f'--{name.replace("_", "-")}', type=value_of(spec), default=spec.default,
+        f'--{name}', type=value_of(spec), default=spec.default,
         metavar='S' if spec.unit == 's' else _METAVARS[spec.kind],
-        help=text[0].lower() + text[1:])
+        help=f'{". ".join(sentences)}.{facts}')
 
 
-def add_number(parser: argparse.ArgumentParser, flag: str, description: str, default: Any = None,
+def add_number(parser: Any, flag: str, description: str, default: Any = None,
                kind: str = 'int', **limits: Any) -> None:
-    """Add an option of one number; `limits` are those of a `Parameter`."""
+    """Add an option with one number; `limits` are attributes of `Parameter`."""
     add_declared(parser, Parameter(flag, kind, default, description, **limits))
 
 
 def add_overrides(parser: argparse.ArgumentParser, *names: str) -> None:
-    """Add options of parameters of plant and controller, without a default."""
+    """Add options that override parameters of plant and controller."""
     declared = PlantConfig.parameters() | ControllerConfig.parameters()
     for name in names:
+        spec = declared[name]
         add_declared(parser, dataclasses.replace(
-            declared[name], description="instead of the file's", default=None))
+            spec, default=None,
+            description=f'{spec.description} Default: the value in the parameter file'))
 
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
@@ -111,71 +113,79 @@ def add_loop_options(parser: argparse.ArgumentParser) -> None:
     add_params_file(parser)
     add_overrides(parser, 'law', 'control_period')
     parser.add_argument('--gains', choices=(FROM_FILE, RECOMMENDED),
-                        help="the file's, or those recommended for observer_feedback; default: "
-                             "the file's, but the recommended ones if --law chooses this law")
+                        help='Gains of the parameter file, or the recommended gains of law '
+                             'observer_feedback. Default: file, but recommended if --law selects '
+                             'observer_feedback.')
 
 
 def add_params_file(parser: argparse.ArgumentParser) -> None:
-    """Add the argument that names the parameter file, which is an option as well."""
+    """Add the parameter file as an argument, and as an option with the same meaning."""
     parser.set_defaults(params_file='friction')
     parser.add_argument(
         'params_file', nargs='?', metavar='F', default=argparse.SUPPRESS,
-        help='parameter file, or the name of one in the package, such as panda; default: '
-             "friction, the paper's first experiment")
+        help='Parameter file, or the name of one in the package, for example panda. Default: '
+             "friction, the paper's first experiment.")
     parser.add_argument('--params-file', metavar='F', default=argparse.SUPPRESS,
-                        help='the same')
+                        help='The same parameter file, given as an option.')
 
 
 def add_urdf_options(parser: argparse.ArgumentParser, required: bool = False,
-                     default: str = 'all that move') -> None:
+                     default: str = 'all movable joints') -> None:
     """Add the options of a robot that a URDF describes; `default` says which joints it has."""
     parser.add_argument('--urdf', metavar='FILE', required=required,
-                        help='URDF: a path or package://NAME/PATH')
+                        help='URDF of the robot, as a path or package://NAME/PATH.')
     parser.add_argument('--joints', type=words, default=(), metavar='A,B,C',
-                        help=f'joints in the order of the model; default: {default}')
-    add_number(parser, '--gravity', 'acceleration of gravity', 9.81, 'float', unit='m/s^2',
+                        help=f'Joints in the order of the model. Default: {default}.')
+    add_number(parser, '--gravity', 'Acceleration of gravity', 9.81, 'float', unit='m/s^2',
                minimum=0.0)
 
 
 def add_bag(parser: argparse.ArgumentParser) -> None:
     """Add the argument that names a bag."""
-    parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag')
+    parser.add_argument('bag', type=Path, metavar='BAG', help='Directory of the bag.')
 
 
 def add_own(parser: argparse.ArgumentParser) -> None:
-    """Add the options of classes of one's own, which a bag only names."""
+    """Add the options for a user's classes, which a bag only names."""
     for name in ('model', 'law', 'switching'):
         parser.add_argument(f'--{name}', default='', metavar='X',
-                            help=f'your own {name}, package.module:Name, if a bag names one')
+                            help=f'Your own {name} as package.module:Name. It is needed if the '
+                                 f'bag was recorded with a {name} of your own.')
 
 
 def own(options: argparse.Namespace) -> dict[str, str]:
-    """Return the arguments of `read_bag` that `add_own` makes options of."""
+    """Return the arguments of `read_bag` that `add_own` declares."""
     return {name: getattr(options, name) for name in ('model', 'law', 'switching')}
 
 
 def add_output(parser: argparse.ArgumentParser, default: str | None = None,
                figures: bool = True) -> None:
-    """Add the options of the directory to write into, and of a second format of `figures`."""
+    """Add the options of the output directory, and of a second format of `figures`."""
     if figures:
         parser.add_argument('--format', choices=('svg', 'pdf', 'png'), default='svg',
-                            help='figures in this format as well; the page has them as svg')
+                            help='Further format of the figures. The page always shows svg. '
+                                 'Default: svg alone.')
     parser.add_argument(
         '--out', type=Path, metavar='DIR', default=default and Path(default),
-        help=f'output directory, default: {default}' if default
-        else 'output directory; without it, results are only printed')
-    parser.add_argument('--overwrite', action='store_true',
-                        help='replace the output of an earlier run of this command')
+        help=f'Output directory. Default: {default}.' if default
+        else 'Output directory. Without it the command only prints its results.')
+    add_overwrite(parser, 'the output of an earlier run of this command')
+
+
+def add_overwrite(parser: argparse.ArgumentParser, what: str = 'an existing file') -> None:
+    """Add the option that permits to replace output."""
+    parser.add_argument('--overwrite', action='store_true', help=f'Replace {what}.')
 
 
 def add_jobs(parser: Any) -> None:
     """Add the option of the number of processes: all processors, or one without dask."""
     parser.add_argument(
         '--jobs', metavar='N',
-        type=value_of(Parameter('--jobs', 'int', None, '', minimum=1, maximum=_MOST_JOBS)),
+        type=value_of(Parameter('--jobs', 'int', None, '', minimum=1, maximum=_MAX_JOBS)),
         # Text, so that the same number given beside an option that excludes it is refused.
         default=str((os.cpu_count() or 1) if find_spec('distributed') else 1),
-        help='number of processes, default: one per processor; no result depends on it')
+        help='Number of processes. The results do not depend on it. Default: one per processor. '
+             f'[1 to {_MAX_JOBS}]')
 
 
 def words(text: str) -> tuple[str, ...]:
@@ -183,22 +193,23 @@ def words(text: str) -> tuple[str, ...]:
     return tuple(filter(None, map(str.strip, text.split(','))))
 
 
-def load_setup(options: argparse.Namespace, more: Mapping[str, Any] | None = None) -> Setup:
+def load_setup(options: argparse.Namespace, values: Mapping[str, Any] | None = None) -> Setup:
     """
-    Return what the parameter file and the options say, checked.
+    Return the checked setup of the parameter file and the options.
 
-    Values by node in `more` override those of the options. Gains that are taken beside those of
-    the file are said in a line.
+    `values` by node have precedence over the options. A remark on standard error says so if gains
+    are recommended ones instead of those in the file.
     """
-    file, over = find_config(options.params_file), dict[str, dict[str, Any]]()
+    file = find_config(options.params_file)
+    overrides: dict[str, dict[str, Any]] = {}
     for name, section in _SECTIONS.items():
         if getattr(options, name, None) is not None:
-            over.setdefault(section, {})[name] = getattr(options, name)
-    for node, values in (more or {}).items():
-        over.setdefault(node, {}).update(values)
-    with as_usage_error({name for values in over.values() for name in values}):
-        over, line = with_gains(file, over, getattr(options, 'gains', None))
-        setup = parameter_file.load(file, over)
-    if line:
-        say(line)
+            overrides.setdefault(section, {})[name] = getattr(options, name)
+    for node, node_values in (values or {}).items():
+        overrides.setdefault(node, {}).update(node_values)
+    with as_usage_error({name for section in overrides.values() for name in section}):
+        overrides, remark = with_gains(file, overrides, getattr(options, 'gains', None))
+        setup = parameter_file.load(file, overrides)
+    if remark:
+        say(remark)
     return setup

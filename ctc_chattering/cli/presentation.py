@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What commands show: progress, results of runs as a table, and where the page is."""
+"""Terminal output of commands: progress bar, table of results, path of the page."""
 
 from __future__ import annotations
 
@@ -29,45 +29,46 @@ _BAR = '{desc}: {bar} {n_fmt}/{total_fmt} {unit} [{elapsed}]'
 @contextmanager
 def progress(title: str, total: float = 0.0, unit: str = 's') -> Iterator[Callable[..., None]]:
     """
-    Yield a function of what is done, and of all there is, which shows a bar in a terminal.
+    Yield a function that shows progress as a bar in a terminal.
 
-    There is no bar before its first call: what is refused until then is one line.
+    Its arguments are the completed amount and the total. No bar appears before its first call, so
+    that an early refusal remains one line.
 
     Parameters
     ----------
     title : str
-        What stands before the bar.
+        Text before the bar.
     total : float
-        All there is, until a call says otherwise; 0 without an end.
+        Total amount, unless a call gives another one. 0 without an end.
     unit : str
-        ``s`` for simulated time, otherwise of what is counted.
+        Unit of the amount, ``s`` for simulated time.
 
     """
-    from tqdm import tqdm  # A node's executable does without.
+    from tqdm import tqdm  # A node's executable works without it.
     bars: list[Any] = []
 
-    def moved(done: float, whole: float = total) -> None:
+    def show(completed: float, total: float = total) -> None:
         if not bars:
-            bars.append(tqdm(desc=title, total=whole or None, unit=unit, disable=None,
+            bars.append(tqdm(desc=title, total=total or None, unit=unit, disable=None,
                              mininterval=0.2, bar_format=_BAR))
-        bars[0].total = whole or None
-        bars[0].n = round(min(done, whole) if whole else done, 1)
-        with suppress(OSError):  # Nobody reads it any more.
+        bars[0].total = total or None
+        bars[0].n = round(min(completed, total) if total else completed, 1)
+        with suppress(OSError):  # The reader of a pipe has ended.
             bars[0].update(0)
     try:
-        yield moved
+        yield show
     finally:
         for bar in bars:
             bar.close()
 
 
 def print_page(page: Path, *commands: str) -> None:
-    """Print where the page is, as the last line of a command, and what can be done next."""
+    """Print the path of the page and further commands, as the last line of a command."""
     print('; '.join([f'open {page}', *commands]))
 
 
 def print_results(results: Sequence[Any]) -> None:
-    """Print the numbers of runs, each a `Result`, in a table."""
+    """Print the metrics of runs, each a `Result`, as a table, and their notes."""
     from ctc_chattering.analysis.run_names import run_names
     from ctc_chattering.analysis.tables import print_columns
     rows: list[Sequence[str]] = [(

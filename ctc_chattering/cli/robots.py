@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""`ctc new-robot`, `check-model`, `export-c`, `parameters`: robots, and what is set of them."""
+"""
+`ctc new-robot`, `check-model`, `export-c` and `parameters`: robots and their parameters.
+
+`new-robot` and `check-model` read a URDF. They print what they took from it and what it lacks.
+"""
 
 from __future__ import annotations
 
@@ -28,6 +32,7 @@ from ctc_chattering.cli.options import (
     add_loop_options,
     add_number,
     add_overrides,
+    add_overwrite,
     add_urdf_options,
     load_setup,
 )
@@ -41,7 +46,7 @@ from ctc_chattering.configuration.arm_knowledge import (
 )
 from ctc_chattering.configuration.node_parameters import parameter_table
 from ctc_chattering.errors import as_usage_error, CtcError, UsageError
-from ctc_chattering.number_format import format_numbers
+from ctc_chattering.number_format import format_count, format_numbers
 from ctc_chattering.output_files import check_file, write_text
 from ctc_chattering.output_folder import check_folder
 from ctc_chattering.parameters import Parameter
@@ -50,48 +55,43 @@ if TYPE_CHECKING:
     from ctc_chattering.configuration.new_robot import NewRobot
     from ctc_chattering.dynamics.urdf_parser import Tree
 
-_CENTER = Parameter('center', 'float[]', None, 'Centre of the motion, one position per joint; '
-                    'default: where every joint carries its weight', 'rad')
+_CENTER = Parameter('center', 'float[]', None, 'Centre of the motion, one position per joint. '
+                    'Default: a posture in which every joint carries its weight', 'rad')
 _COMMENT = """\
-# By `ctc new-robot` from {location}.
+# Written by `ctc new-robot` from {location}.
 {lines}
-# ka of the controller must exceed the friction of the real robot and the error of the model; it
-# is {ka:.0%} of the effort limit, or what exceeds the friction of the URDF, for the one, and a
-# fifth of the model's torque for the other.
-# Set what is known of the drives: actuator_lag, torque_rate_limit and input_delay.
-# estimator_bandwidth is for encoders of at most {fine:g} rad; halve it for coarser ones.
+# ka of the controller must exceed the friction of the real robot plus the error of the model.
+# For the friction it has {ka:.0%} of the effort limit, or more if the URDF has more friction.
+# For the error of the model it has a fifth of the model's torque.
+# Set actuator_lag, torque_rate_limit and input_delay to the values of your drives.
+# estimator_bandwidth suits encoders of at most {fine:g} rad. Halve it for coarser encoders.
 """
 
 
 def new_robot_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc new-robot`."""
     add_urdf_options(parser, required=True,
-                     default='those of the longest chain, without its end effector')
+                     default='the longest chain without its end effector')
     parser.add_argument('--tip', default='', metavar='LINK',
-                        help='end of the arm: joints between the root and this link')
+                        help='Last link of the arm. The joints are those between the root and '
+                             'this link.')
     add_declared(parser, _CENTER)
     for spec in (ROTOR, TORQUE_RATE, RESONANCE, PAYLOAD):
         add_declared(parser, spec)
     parser.add_argument('--out', type=Path, metavar='F', default=Path('robot.yaml'),
-                        help='parameter file to write, default: robot.yaml')
-    parser.add_argument('--overwrite', action='store_true', help='replace an existing file')
+                        help='Parameter file to write. Default: robot.yaml.')
+    add_overwrite(parser)
 
 
 def run_new_robot(options: argparse.Namespace) -> int:
-    """
-    Run `ctc new-robot`.
-
-    It has a sinusoid at no more than half of the limits, about a posture in which every joint
-    carries its weight, and law observer_feedback with the recommended gains. It says which joints
-    and which friction it has taken. docs/robots.md says what to set next.
-    """
+    """Run `ctc new-robot`."""
     from ctc_chattering.configuration import parameter_file
     from ctc_chattering.configuration.new_robot import KA, new_robot
     from ctc_chattering.control.recommended_gains import FINE_RESOLUTION
     from ctc_chattering.runs.arm_margins import arm_lines, arm_margins, with_stable_gains
 
     if options.joints and options.tip:
-        raise UsageError('--tip: not allowed with --joints')
+        raise UsageError('--tip and --joints both select the joints; give only one of them')
     location = options.urdf if '://' in options.urdf else str(Path(options.urdf).resolve())
     facts = ArmFacts(options.rotor_inertia or (), options.torque_rate or (), options.resonance,
                      options.payload)
@@ -114,35 +114,38 @@ def run_new_robot(options: argparse.Namespace) -> int:
 
 
 def _described(robot: NewRobot, center_given: bool) -> Iterator[str]:
-    """Yield lines that say what was taken of a URDF, and what was not."""
+    """Yield lines about the joints, limits and friction taken from a URDF."""
     yield f'joints: {", ".join(robot.joints)}'
     if robot.held:
-        yield f'left out, at 0 unless `locked` says otherwise: {", ".join(robot.held)}'
+        yield ('left out, and held at 0 unless the parameter `locked` gives another position: '
+               f'{", ".join(robot.held)}')
     yield from _mimicked(robot.tree.leaders)
     yield from _unexpanded(robot.tree.unexpanded)
     if robot.unlimited:
-        yield (f'without effort limit, which is 0, inf or missing: {", ".join(robot.unlimited)}; '
-               'set effort_limit of the controller')
+        yield (f'no usable effort limit (0, inf or missing) for {", ".join(robot.unlimited)}; set '
+               'effort_limit of the controller')
     yield _center_line(robot, center_given)
     yield from _friction_lines(robot)
     yield from fitted(list(robot.knowledge.rows()), 0)
     yield from robot.knowledge.lines()
 
 
-def _center_line(robot: NewRobot, given: bool) -> str:
-    """Return what the motion is about."""
+def _center_line(robot: NewRobot, center_given: bool) -> str:
+    """Return a line about the centre of the motion."""
     motion = robot.motion
-    about = 'as given' if given else 'the middle of the limits'
+    reason = 'as given' if center_given else 'the middle of the limits'
     if motion.about_middle:
-        about = (f'not the middle of the limits, where {motion.about_middle.joint.name} would '
-                 f'take {motion.about_middle}')
-    smaller = f'; amplitude and frequency times {motion.size:g}' if motion.size < 1.0 else ''
+        reason = (f'not the middle of the limits, where {motion.about_middle.joint.name} would '
+                  f'need {motion.about_middle}')
+    smaller = ''
+    if motion.size < 1.0:
+        smaller = f'; amplitude and frequency are reduced to {motion.size:g} times the usual ones'
     center = ', '.join(f'{x:.4g}' for x in motion.center)
-    return f'center: {center}; {about}{smaller}; collisions are not checked'
+    return f'center of the motion: {center}, {reason}{smaller}; collisions are not checked'
 
 
 def _friction_lines(robot: NewRobot) -> Iterator[str]:
-    """Yield where the friction of the plant is from."""
+    """Yield lines about the source of the plant's friction."""
     from ctc_chattering.configuration.new_robot import (
         FRICTION,
         LARGEST_FRICTION,
@@ -152,48 +155,44 @@ def _friction_lines(robot: NewRobot) -> Iterator[str]:
     friction = robot.friction
     assumed = tuple(x for x in robot.joints if x not in friction.coulomb_described)
     for names, origin in (
-            (friction.coulomb_described, 'Coulomb friction of the plant from <dynamics friction>'),
-            (friction.viscous_described, 'viscous friction of the plant from <dynamics damping>'),
-            (assumed, f'Coulomb friction of the plant assumed, {FRICTION:.0%} of the torque that '
-             'the model takes'),
-            (friction.implausible, 'not taken from <dynamics>, being more than the torque that '
-             f'the model takes, or {LARGEST_FRICTION:.0%} of the effort limit, or a damping that '
-             f'stops these bodies within {LEAST_STOPPING_TIME * 1e3:g} ms')):
+            (friction.coulomb_described, 'Coulomb friction taken from <dynamics friction>'),
+            (friction.viscous_described, 'viscous friction taken from <dynamics damping>'),
+            (assumed, f'Coulomb friction assumed, {FRICTION:.0%} of the torque that the model '
+             'needs'),
+            (friction.implausible, 'friction in <dynamics> ignored as implausible, because it '
+             f'exceeds the torque that the model needs or {LARGEST_FRICTION:.0%} of the effort '
+             f'limit, or stops the bodies within {LEAST_STOPPING_TIME * 1e3:g} ms')):
         if names:
             yield f'{origin}: {"all joints" if names == robot.joints else ", ".join(names)}'
 
 
 def _mimicked(leaders: Mapping[str, Sequence[str]]) -> Iterator[str]:
-    """Yield a line about joints that others mimic; nothing without any."""
+    """Yield a line about joints that others mimic, if there are any."""
     if leaders:
-        words = (f'{name} ({", ".join(followers)})' for name, followers in leaders.items())
-        yield f'left out, because others mimic them: {", ".join(words)}'
+        joints = (f'{name} ({", ".join(followers)})' for name, followers in leaders.items())
+        yield f'left out, because other joints mimic them: {", ".join(joints)}'
 
 
 def _unexpanded(macros: Sequence[str]) -> Iterator[str]:
-    """Yield a line about macros that xacro has left in a URDF; nothing without any."""
+    """Yield a line about macros that xacro has left in a URDF, if there are any."""
     if macros:
-        yield f'ignored: {", ".join(macros)}: xacro had no such macro, so what it makes is missing'
+        yield (f'ignored: {", ".join(macros)}; xacro did not know these macros, so their links '
+               'and joints are missing')
 
 
 def check_model_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc check-model`."""
     parser.add_argument(
         '--model', metavar='NAME',
-        help='two_link, urdf, or package.module:Name; default: urdf if --urdf is given, else '
-             'two_link')
+        help='Robot model: two_link, urdf, or your own as package.module:Name. Default: urdf if '
+             '--urdf is given, else two_link.')
     add_urdf_options(parser)
-    add_number(parser, '--samples', 'number of states', 100, minimum=1)
-    add_number(parser, '--seed', 'seed of the states', 0, minimum=0)
+    add_number(parser, '--samples', 'Number of random states', 100, minimum=1)
+    add_number(parser, '--seed', 'Seed of the random states', 0, minimum=0)
 
 
 def run_check_model(options: argparse.Namespace) -> int:
-    """
-    Run `ctc check-model`.
-
-    At random states: M symmetric and positive definite, ½ dM/dt - C skew-symmetric, G a gradient,
-    all products consistent. Status 1 if a test fails.
-    """
+    """Run `ctc check-model`."""
     from ctc_chattering.analysis.tables import print_columns
     from ctc_chattering.configuration.package_share import read_description
     from ctc_chattering.dynamics.model_check import check_dynamics, inertia_faults
@@ -209,11 +208,11 @@ def run_check_model(options: argparse.Namespace) -> int:
     tree = Tree(urdf) if urdf else None
     joints = options.joints or (tree.movable if tree else ('joint1', 'joint2'))
     if not joints:
-        raise CtcError('the description has no joint that moves')
+        raise CtcError('the description has no movable joint; check the URDF')
     with as_usage_error(('joint_names', 'model')):
         check_joint_names(joints)
         model = make_model(name, options.gravity, joints, urdf)
-    print(f'{name}, {model.n} joints: {", ".join(joints)}')
+    print(f'model {name} with {format_count(model.n, "joint")}: {", ".join(joints)}')
     for line in _mimicked(tree.leaders) if tree and not options.joints else ():
         print(line)
     findings = check_dynamics(model, options.seed, options.samples)
@@ -222,8 +221,9 @@ def run_check_model(options: argparse.Namespace) -> int:
         for x in findings])
     failed = [x for x in findings if not x.passed]
     for x in failed:
-        print(f'{x.name}: worst at q = {format_numbers(x.q)}, dq = {format_numbers(x.dq)}'
-              + (f': {x.error}' if x.error else ''))
+        error = f': {x.error}' if x.error else ''
+        print(f'{x.name}: the worst state is q = {format_numbers(x.q)}, '
+              f'dq = {format_numbers(x.dq)}{error}')
     for fault in inertia_faults(urdf, joints) if urdf else ():
         print(f'warning: {fault}')
     for line in _unexpanded(tree.unexpanded if tree else ()):
@@ -234,9 +234,9 @@ def run_check_model(options: argparse.Namespace) -> int:
 
 
 def _print_knowledge(tree: Tree, joints: Sequence[str]) -> None:
-    """Print what a URDF says of the arm besides its bodies, and what it lacks."""
+    """Print drive data that a URDF gives besides its bodies, and data that it lacks."""
     knowledge = ArmKnowledge.from_urdf(tree, joints)
-    print('what `ctc new-robot` takes besides the bodies:')
+    print('`ctc new-robot` also uses these data of the drives:')
     print('\n'.join(fitted(list(knowledge.rows()))))
     print('\n'.join(f'  {line}' for line in knowledge.lines()))
 
@@ -246,22 +246,17 @@ def export_c_options(parser: argparse.ArgumentParser) -> None:
     add_loop_options(parser)
     add_overrides(parser, 'switching')
     parser.add_argument('--processor', default='host', metavar='CPU',
-                        help='as llc -mcpu names it, such as x86-64-v3; default: this one')
+                        help='Processor as llc -mcpu names it, for example x86-64-v3. Default: '
+                             'the processor of this computer.')
     parser.add_argument('--ros2-control', default='', metavar='NAME',
-                        help='write an ament_cmake package of this name around the library')
-    parser.add_argument('--out', type=Path, metavar='DIR', required=True,
-                        help='directory to write')
-    parser.add_argument('--overwrite', action='store_true',
-                        help='replace the output of an earlier run of this command')
+                        help='Name of an ament_cmake package with a ros2_control controller, to '
+                             'be written around the library.')
+    parser.add_argument('--out', type=Path, metavar='DIR', required=True, help='Output directory.')
+    add_overwrite(parser, 'the output of an earlier run of this command')
 
 
 def run_export_c(options: argparse.Namespace) -> int:
-    """
-    Run `ctc export-c`.
-
-    The library runs in hard real time, without Python, and answers a state with the torque of
-    this package to the last bit. docs/ros2_control.md has both.
-    """
+    """Run `ctc export-c`."""
     from ctc_chattering.c_export.library import EXPORT, export
     from ctc_chattering.dynamics.registry import model_of
 
@@ -270,7 +265,8 @@ def run_export_c(options: argparse.Namespace) -> int:
     check_folder(out, EXPORT, options.overwrite)
     size = export(config, model_of(config, setup.descriptions.get('controller', '')), out,
                   options.processor, options.ros2_control, options.overwrite)
-    print(f'wrote {out}: {config.law}, {len(config.joint_names)} joints, {size} bytes of code; '
+    joints = format_count(len(config.joint_names), 'joint')
+    print(f'wrote {out}: law {config.law} for {joints}, {size} bytes of code; '
           'next: see docs/ros2_control.md')
     return 0
 
@@ -280,10 +276,6 @@ def parameters_options(_parser: argparse.ArgumentParser) -> None:
 
 
 def run_parameters(_options: argparse.Namespace) -> int:
-    """
-    Run `ctc parameters`.
-
-    As a Markdown table.
-    """
+    """Run `ctc parameters`."""
     print(parameter_table())
     return 0

@@ -84,6 +84,7 @@ def object_file(codes: Mapping[str, Code], processor: str = HOST) -> tuple[bytes
         Name as of ``llc -mcpu``, such as x86-64-v3, or `HOST`.
 
     """
+    module, *modules = [_module(name, code) for name, code in codes.items()]  # Initializes LLVM.
     cpu = processor
     features = ''
     if processor == HOST:
@@ -91,7 +92,6 @@ def object_file(codes: Mapping[str, Code], processor: str = HOST) -> tuple[bytes
         features = binding.get_host_cpu_features().flatten()
     target = binding.Target.from_default_triple()
     machine = target.create_target_machine(cpu, features, opt=3, reloc='pic', codemodel='small')
-    module, *modules = [_module(name, code) for name, code in codes.items()]
     for linked in modules:
         module.link_in(linked)
     passes = binding.create_new_module_pass_manager()

@@ -47,17 +47,17 @@ MOST_PAYLOAD = 0.3
 #: Franka Control Interface has the number in its limits for control in joint space [N·m/s].
 _TORQUE_RATES = {('panda', 'fr3', 'fer', 'franka'): 1000.0}
 TORQUE_RATE = Parameter(
-    'torque_rate', 'float[]', None, 'largest rate of the torque that the interface of the robot '
-    'accepts; default: that of a robot that is known, or none', 'N*m/s', minimum=LEAST, shape='n')
+    'torque_rate', 'float[]', None, 'Largest rate of the torque that the interface of the robot '
+    'accepts. Default: the rate of a known robot, or no limit', 'N*m/s', minimum=LEAST, shape='n')
 ROTOR = Parameter(
-    'rotor_inertia', 'float[]', None, 'inertia of each rotor at its joint, gear ratio squared '
-    'included; default: that of the URDF, or assumed', 'kg*m^2', shape='n')
+    'rotor_inertia', 'float[]', None, 'Inertia of each rotor at its joint, including the squared '
+    'gear ratio. Default: the inertia in the URDF, or an assumed one', 'kg*m^2', shape='n')
 RESONANCE = Parameter(
-    'resonance', 'float', inf, 'lowest resonance of the arm while its drives hold it, measured by '
-    'a tap; .inf for stiff joints', 'Hz', minimum=LEAST, infinite=True)
+    'resonance', 'float', inf, 'Lowest resonance of the arm while its drives hold it, measured by '
+    'a tap. .inf for stiff joints', 'Hz', minimum=LEAST, infinite=True)
 PAYLOAD = Parameter(
-    'payload', 'float', None, 'largest unknown mass at the tip; default: what the effort limits '
-    'allow', 'kg', minimum=0.0)
+    'payload', 'float', None, 'Largest unknown mass at the tip. Default: the mass that the effort '
+    'limits allow', 'kg', minimum=0.0)
 
 
 class Source(Enum):
@@ -65,7 +65,7 @@ class Source(Enum):
 
     URDF = 'URDF'
     USER = 'given'
-    ARM = 'known of this arm'
+    ARM = 'known for this arm'
     ASSUMED = 'assumed'
     NOT_KNOWN = 'not known'
 
@@ -183,9 +183,10 @@ class ArmKnowledge:
         assumed = self.joints_with(Source.ASSUMED)
         if assumed:
             joints = '' if assumed == self.joints else f' for {", ".join(assumed)}'
-            yield (f'the URDF has no rotors{joints}: {ASSUMED_ROTOR:g} kg*m^2 per N*m of '
-                   'effort are assumed. Take them from a data sheet (--rotor-inertia), or from '
-                   '`ctc identify`; a wrong one costs more than all else')
+            yield (f'the URDF has no rotor inertia{joints}, and {ASSUMED_ROTOR:g} kg*m^2 per N*m '
+                   'of effort limit is assumed; set --rotor-inertia from a data sheet or from '
+                   '`ctc identify`, because no other error of the model degrades the control as '
+                   'much')
 
 
 def find_rotors(tree: Tree, joints: Sequence[str], stated: Sequence[float] = ()

@@ -97,7 +97,8 @@ def compile_setups(setups: Iterable[Setup], show: Callable[[str], None], for_nod
     try:
         from ctc_chattering.compiled import build
     except ImportError as error:  # Not there, or numba refuses this version of NumPy.
-        show(f'running in plain Python, 20 times slower: {error}')
+        show('numba cannot be used, so the law runs in plain Python, 20 times slower: '
+             f'{error}')
         return 0
     count = len(to_build)
     show(f'compiling {count} function{"" if count == 1 else "s"}, once for this version ...')
@@ -139,9 +140,9 @@ def compile_setup(setup: Setup, every: bool = False, show: Callable[[str], None]
     """
     setup = dataclasses.replace(setup, events=())
     if not required_codes(setup, for_nodes=True):
-        raise CtcError('nothing can be compiled: compiled is false, or neither plant (no elastic '
-                       'joints, own models) nor law (no own models) can be, own frictions and '
-                       'laws only if made of marked records')
+        raise CtcError('nothing can be compiled: either the parameter compiled is false, or plant '
+                       'and law have parts without machine code, which are elastic joints, models '
+                       'of your own, and frictions or laws of your own without marked records')
     if not has_compiler():
         raise ModuleNotFoundError('No module named numba', name='numba')
     config = setup.controller

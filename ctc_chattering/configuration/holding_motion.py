@@ -141,11 +141,11 @@ def choose_motion(arm: HeldArm, center: Sequence[float] = ()) -> HoldingMotion:
                 motion = motion._replace(about_middle=first.load)
             return motion
     lightest = min((motion.load for motion in motions), key=lambda load: load.share)
-    scope = 'about --center' if len(center) else 'of those that were tried'
+    scope = 'about --center' if len(center) else 'that was tried'
     raise CtcError(
-        f'{lightest.joint.name}: the lightest motion {scope} takes {lightest}, and may take '
-        f'{EFFORT_SHARE:.0%} of <limit effort>; correct the URDF, or give other --joints, a '
-        '--tip, or another --center')
+        f'{lightest.joint.name}: the lightest motion {scope} needs {lightest}, but at most '
+        f'{EFFORT_SHARE:.0%} of <limit effort> is allowed; correct the URDF, or choose other '
+        '--joints, another --tip or another --center')
 
 
 def middle_position(joint: JointLimits) -> float:

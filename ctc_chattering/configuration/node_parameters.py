@@ -34,7 +34,7 @@ class NodeConfig(Config):
     """The parameter that all nodes of the loop have."""
 
     wait_for: Strings = parameter(
-        ('',), 'Nodes that must have subscribed before the first message (set by bringup).',
+        ('',), 'Nodes that must subscribe before the first message; bringup sets it.',
         read_only=True)
 
 
@@ -43,15 +43,16 @@ class PlantNodeConfig(NodeConfig, PlantConfig):
     """Parameters of the plant node."""
 
     hold_at: float = parameter(
-        0.0, 'Lockstep: simulated time stops before the first state at or after this time, until '
-        'it is set again; 0 for never.', 's')
+        0.0, 'Time at which simulated time stops in lockstep, before the first state at or after '
+        'it; 0 for no stop.', 's')
     command_timeout: float = parameter(
-        0.02, 'Real time: after this time without a command (at least three control periods), '
-        'torque 0 and brakes until the next one. At most 1/Kv, or the motion may diverge.', 's',
+        0.02, 'Longest time without a command in real time, at least three control periods. '
+        'After it the torque is 0 and the brakes hold until the next command. Above 1/Kv the '
+        'motion may diverge.', 's',
         minimum=LEAST)
     least_angle: float = parameter(
-        inf, 'Continuous joints: joint_states have their positions from here on to before 2 pi '
-        'more, as drivers report them, -3.14159 or 0; .inf for positions that count turns.', 'rad',
+        inf, 'Smallest position of continuous joints in joint_states, whose positions then stay '
+        'within one turn. Drivers use -3.14159 or 0; .inf for positions that count turns.', 'rad',
         minimum=-inf, read_only=True)
 
 
@@ -60,24 +61,28 @@ class ControllerNodeConfig(NodeConfig, ControllerConfig):
     """Parameters of the controller node."""
 
     state_timeout: float = parameter(
-        0.02, 'Real time: after this time without a state (at least three control periods), or '
-        'such a gap of its stamps, the law restarts.', 's', minimum=LEAST, read_only=True)
+        0.02, 'Longest time without a state in real time, at least three control periods. After '
+        'it, or after such a gap between stamps, the law restarts.',
+        's', minimum=LEAST, read_only=True)
     predicted_periods: int = parameter(
-        5, 'Real time: so many periods without a state are answered by the torque for the '
-        'predicted one, none from state_timeout on; 0 for none.', maximum=100)
+        5, 'Largest number of periods without a state in real time that a torque for the '
+        'predicted state answers, until state_timeout; 0 for no prediction.', maximum=100)
     least_answered: float = parameter(
-        0.05, 'Real time: least share of the states of the last second that are answered within a '
-        'control period, or the torques end until ~/reset. Before the first torque this is '
-        'measured for a second. 0 for neither.', minimum=0.0, maximum=1.0)
+        0.05, 'Smallest share of the states of the last second that must be answered within a '
+        'control period in real time. Below it the torques end until ~/reset. It is also '
+        'measured for a second before the first torque. 0 for no check.', minimum=0.0, maximum=1.0)
     reference_timeout: float = parameter(
-        0.1, 'A late reference continues at its last velocity for this time, then stands.', 's',
+        0.1, 'Time for which a late reference continues at its last velocity before it stands '
+        'still.', 's',
         read_only=True)
     restart_duration: float = parameter(
         2.0, "Time over which the desired motion returns from the robot's position to the "
-        'reference after 0.1 s without a torque; 0 for none.', 's')
-    enabled: bool = parameter(True, 'Send torques from the start; see ~/enable.', read_only=True)
+        'reference after 0.1 s without a torque; 0 for no return motion.', 's')
+    enabled: bool = parameter(
+        True, 'Send torques from the start. The service ~/enable changes it.', read_only=True)
     state_decimation: int = parameter(
-        10, 'Topics under ~/ carry every Nth sample; plots of a bag recompute all.', minimum=1)
+        10, 'Decimation of the topics under ~/, which carry every Nth sample. Plots of a bag '
+        'recompute all samples.', minimum=1)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,7 +106,8 @@ class BringupConfig(Config):
     """Parameters of bringup."""
 
     events: Strings = parameter(
-        ('',), 'Parameters to set during the run, each "time node parameter value", time in s.',
+        ('',), 'Changes of parameters during the run, each "time node parameter value" with the '
+        'time in s.',
         read_only=True)
 
 
@@ -116,10 +122,10 @@ LOOP: dict[str, type[Config]] = {
     'plant': PlantConfig, 'controller': ControllerConfig, 'reference': ReferenceConfig}
 #: Description of each node for its --help.
 NODE_DESCRIPTIONS = {
-    'plant': 'The simulated robot: receives torques, publishes joint states.',
-    'controller': 'The controller: answers each joint state with torques.',
-    'reference': 'The reference: publishes the desired motion in advance.',
-    'recorder': 'The recorder: records every message of the graph in a bag.'}
+    'plant': 'Simulate the robot. It receives torques and publishes joint states.',
+    'controller': 'Control the robot. Each joint state is answered with torques.',
+    'reference': 'Publish the desired motion in advance.',
+    'recorder': 'Record every message of the graph in a bag.'}
 
 
 def parameter_table() -> str:

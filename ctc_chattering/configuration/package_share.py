@@ -77,7 +77,7 @@ def find_config(text: str, beside: Path = Path(), folder: str = '') -> Path:
     if text in files:
         return files[text]
     if Path(text).name == text and not os.path.lexists(beside / text):
-        raise UsageError(f'{text}: no such file, and the package has none with this name: '
+        raise UsageError(f'{text}: there is no such file, and the package has only '
                          f'{", ".join(files)}{suggest(text, files)}')
     return beside / text
 
@@ -143,7 +143,7 @@ def find_file(location: str) -> Path:
         if os.path.isfile(path):  # noqa: PTH113 - A path may be too long for a system.
             return path
     hint = f'; {_INSTALL}' if location.startswith(_ROBOTS) else ''
-    raise CtcError(f'description: {location}: not installed; looked for {relative_path} below '
+    raise CtcError(f'description: {location}: there is no installed file {relative_path} below '
                    f'{", ".join(map(str, prefixes))}{hint}')
 
 

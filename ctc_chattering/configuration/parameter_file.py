@@ -103,7 +103,8 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
         node_only[node] = resolved
     plant, controller, reference = loop.values()
     if values['plant'].get('use_sim_time') is True and plant.pacing == 'real_time':
-        raise UsageError('use_sim_time: true contradicts real_time, the pacing of plant')
+        raise UsageError('use_sim_time: true contradicts pacing real_time of the plant; change '
+                         'one of them')
     file = reference.trajectory_file
     route = read_trajectory(Path(file), reference.joint_names) if file else None
     descriptions = {node: read_description(config.description) for node, config in loop.items()
@@ -186,7 +187,7 @@ def full_sections(path: Path) -> dict[str, Values]:
         pairs = list(_flatten(values or {}))
         parameters = dict(pairs)
         if name in sections or len(parameters) < len(pairs):
-            raise CtcError(f'{path}: section {name}, or a parameter in it, is given twice')
+            raise CtcError(f'{path}: section {name}, or a parameter in it, appears twice')
         sections[name] = parameters
     return sections
 
@@ -342,8 +343,8 @@ def with_gains(path: Path | None, overrides: Overrides, gains: str | None = None
             'start_duration', max(setup.reference.start_duration, _START_DURATION))
     added = ', '.join(f'{name} {x}' for name, x in chosen.items() if name not in stated)
     start = ' and a smooth start' if law_gains else ''
-    return result, (f'law {law} takes recommended gains{start}: {added}; --gains file takes '
-                    'those of the file')
+    return result, (f'law {law} takes recommended gains{start}: {added}; --gains file keeps '
+                    'the gains of the file')
 
 
 def _separate_gains(values: Mapping[str, object]) -> str:

@@ -95,10 +95,10 @@ class FileKind(Enum):
 
 #: Use of each kind of file.
 _USE = {
-    FileKind.PARAMETERS: 'ctc simulate and bringup take it, and params_file of a spec names one',
-    FileKind.SPEC: 'ctc map and ctc tune take it',
-    FileKind.WAYPOINTS: 'trajectory_file of reference names it',
-    FileKind.CONDITIONS: 'ctc compare --cases takes it'}
+    FileKind.PARAMETERS: 'give it to ctc simulate or bringup, or name it as params_file of a spec',
+    FileKind.SPEC: 'give it to ctc map or ctc tune',
+    FileKind.WAYPOINTS: 'name it as trajectory_file of the reference',
+    FileKind.CONDITIONS: 'give it to ctc compare --cases'}
 #: Keys by which a kind is detected: a file has one of them.
 _KEYS = {
     FileKind.WAYPOINTS: ('points',), FileKind.CONDITIONS: ('cases',),
@@ -141,7 +141,8 @@ def read_yaml(path: Path, *expected: FileKind) -> object:
         tree = yaml.load(stream, Loader)
         json.dumps(tree, default=str, skipkeys=True)  # Refuses a value that contains itself.
     except (yaml.YAMLError, ValueError) as error:
-        raise CtcError(f'{path}: not a YAML file: {" ".join(str(error).split())}') from None
+        reason = ' '.join(str(error).split())
+        raise CtcError(f'{path}: this is not a YAML file: {reason}') from None
     actual = detect_kind(tree)
     if expected and actual and actual not in expected:
         raise CtcError(

@@ -222,7 +222,7 @@ class Controller:
 
     def check(self, config: ControllerConfig) -> None:
         """Raise `CtcError` if a law cannot be made."""
-        with as_ctc_error(f'the law {config.law} cannot be made'):
+        with as_ctc_error(f'the law {config.law} cannot be constructed'):
             self._make_law(config).initial()
 
     def configure(self, config: ControllerConfig) -> None:

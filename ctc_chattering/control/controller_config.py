@@ -46,78 +46,84 @@ class ControllerConfig(RobotConfig):
     `laws` says which law takes which.
     """
 
-    law: str = parameter('chattering', 'Control law: docs/laws.md.', choices=LAWS, custom=True)
+    law: str = parameter('chattering', 'Control law (docs/laws.md).', choices=LAWS, custom=True)
     kp: PerJoint = parameter(
         100.0, 'Position gain Kp.', '1/s^2', minimum=LEAST, shape='nn', usual=(1.0, 1e4))
     kv: PerJoint = parameter(
         50.0, 'Velocity gain Kv.', '1/s', minimum=LEAST, shape='nn', usual=(1.0, 1e3))
     ka: PerJoint = parameter(
-        10.0, 'Chattering gain Ka; must exceed friction plus disturbance. Of laws that observe a '
-        'state, the bound of the estimate; must also exceed the error of the model.', 'N*m',
+        10.0, 'Chattering gain Ka, above friction plus disturbance. Laws with an observer take '
+        'it as the bound of their estimate, and it must then also exceed the error of the model.',
+        'N*m',
         usual=(0.1, 1e3))
     lambda_: float = parameter(
         10.0, 'Pole of the filter (3).', '1/s', name='lambda', minimum=LEAST, usual=(0.1, 1e3))
     b: float = parameter(
         1.0, 'Gain of the filter (3); 1 in the paper.', minimum=1e-3, maximum=1e3)
     switching: str = parameter(
-        'sign', 'How the chattering term is evaluated.', choices=SWITCHINGS, custom=True)
+        'sign', 'Evaluation of the chattering term.', choices=SWITCHINGS, custom=True)
     boundary_layer: float = parameter(
-        0.05, 'Switching boundary_layer: half the width of the layer.', 'rad/s', minimum=LEAST)
+        0.05, 'Half the width of the layer of switching boundary_layer.', 'rad/s', minimum=LEAST)
     observer_bandwidth: float = parameter(
-        200.0, 'Switching implicit_observer: bandwidth of the estimate, at most 0.3 / lag of the '
-        'drives; .inf for one sample.', 'rad/s', minimum=LEAST, infinite=True, usual=(10.0, 1e4))
+        200.0, 'Bandwidth of the estimate of switching implicit_observer, at most 0.3 / lag of '
+        'the drives; .inf for an estimate from one sample.',
+        'rad/s', minimum=LEAST, infinite=True, usual=(10.0, 1e4))
     estimator_bandwidth: float = parameter(
-        100.0, 'Bandwidth of the observer, or of the Kalman filter.', 'rad/s', minimum=LEAST,
+        100.0, 'Bandwidth of the observer or of the Kalman filter.', 'rad/s', minimum=LEAST,
         maximum=1e4)
     estimator_slope: bool = parameter(
-        True, 'Whether the observer has a slope of the perturbation: more accurate, but the '
-        'inertia of the model must be known better.')
+        True, 'Estimate the slope of the perturbation as well. This is more accurate, but '
+        'requires a better inertia of the model.')
     actuator_lag: PerJoint = parameter(
-        inf, 'Time constant of the drives; .inf if unknown: 3 ms.', 's', maximum=1.0)
+        inf, 'Time constant of the drives; .inf if unknown, for which 3 ms is assumed.',
+        's', maximum=1.0)
     torque_rate_limit: PerJoint = parameter(
         inf, 'Rate limit of the drives; .inf if unknown.', 'N*m/s', minimum=LEAST)
     friction_learning: float = parameter(
-        20.0, 'Learning rate of the level of friction; 0 for none.', '1/s', maximum=1e3)
+        20.0, 'Learning rate of the level of friction; 0 for no learning.', '1/s', maximum=1e3)
     ki: PerJoint = parameter(
-        100.0, 'Integral gain Ki, less than Kv Kp; docs/laws.md.', '1/s^3')
+        100.0, 'Integral gain Ki, less than Kv Kp (docs/laws.md).', '1/s^3')
     lead_ratio: float = parameter(
-        0.5, 'Fraction of the lag that the lead leaves; 1 for no lead.', minimum=LEAST,
+        0.5, 'Fraction of the lag that remains after the lead; 1 for no lead.', minimum=LEAST,
         maximum=1.0)
     momentum_gain: float = parameter(
         200.0, 'Bandwidth of the estimate of the perturbation.', '1/s', minimum=LEAST)
     super_twisting_k1: PerJoint = parameter(
-        60.0, 'Gain of sqrt(|v|).', 'sqrt(rad/s^3)', minimum=LEAST)
+        60.0, 'Gain of the term with sqrt(|v|).', 'sqrt(rad/s^3)', minimum=LEAST)
     super_twisting_k2: PerJoint = parameter(
-        2000.0, 'Gain of the integral of sgn(v); must exceed the rate of change of the '
-        'acceleration by the perturbation.', 'rad/s^3', minimum=LEAST)
+        2000.0, 'Gain of the integral of sgn(v), above the rate of change of the acceleration '
+        'that the perturbation causes.', 'rad/s^3', minimum=LEAST)
     adaptation_gain: PerJoint = parameter(
-        100.0, 'Adaptation rate of the level of friction; less than D Kv / h.', 'N*m/rad')
+        100.0, 'Adaptation rate of the level of friction, less than D Kv / h.', 'N*m/rad')
     friction_level: PerJoint = parameter(
-        0.0, 'Known Coulomb friction; slotine_li and observer_feedback adapt it.', 'N*m')
+        0.0, 'Known Coulomb friction. Laws slotine_li and observer_feedback adapt it.', 'N*m')
     friction_velocity: float = parameter(
-        0.05, 'Velocity over which this friction changes sign.', 'rad/s', minimum=LEAST)
+        0.05, 'Velocity over which the friction of the law changes sign.', 'rad/s', minimum=LEAST)
     friction_lead: float = parameter(
-        0.0, 'Time before a reversal at which this friction changes sign.', 's', maximum=0.1)
+        0.0, 'Time before a reversal at which the friction of the law changes sign.',
+        's', maximum=0.1)
     resonance: float = parameter(
         inf, 'Lowest resonance of the arm while its drives hold it; .inf for stiff joints. The '
-        'recommended gains and `ctc stability` take it.', 'Hz', minimum=LEAST, infinite=True)
+        'recommended gains and `ctc stability` use it.', 'Hz', minimum=LEAST, infinite=True)
     input_delay: int = parameter(
-        0, 'Known delay of the torque, in samples; the law predicts the state.', maximum=100,
+        0, 'Known delay of the torque in samples, over which the law predicts the state.',
+        maximum=100,
         read_only=True)
     inertia_scale: float = parameter(
         1.0, 'Factor on M and C, to study model errors.', minimum=LEAST, read_only=True)
     gravity_scale: float = parameter(1.0, 'Factor on G, to study model errors.', read_only=True)
     effort_limit: PerJoint = parameter(
-        inf, 'Largest torque sent; .inf for that of the description, or unlimited.', 'N*m',
+        inf, 'Largest torque to send; .inf for the limit of the description, or without one for '
+        'no limit.', 'N*m',
         minimum=LEAST)
     effort_rate_limit: PerJoint = parameter(
-        inf, 'Rate limit of the torque sent, from 0 at the start; .inf for unlimited.', 'N*m/s',
+        inf, 'Rate limit of the torque to send, which starts from 0; .inf for no limit.', 'N*m/s',
         minimum=LEAST)
     anti_windup: bool = parameter(
-        True, 'Filter (3) and integrals do not wind up at the effort limits.')
+        True, 'Keep filter (3) and integrals from winding up at the effort limits.')
     error_limit: PerJoint = parameter(
-        inf, 'Position error beyond which no torque is sent until ~/reset; .inf for never, but '
-        'under observer_feedback where it has grown by 1 rad.', 'rad', minimum=LEAST)
+        inf, 'Position error above which no torque is sent until ~/reset; .inf for no limit. Law '
+        'observer_feedback then still stops after a growth by 1 rad.', 'rad', minimum=LEAST)
 
     @classmethod
     @cache

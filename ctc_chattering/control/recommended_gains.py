@@ -26,8 +26,8 @@ the rate limit of the drives, most laws follow::
     p = min(fastest, speed / (l + r F / R)),    kp = a p²,  kv = b p,  ki = c p³          (RU1)
 
 `ObserverRule` does not depend on friction, see docs/theory.md. `SwitchingRule` keeps Kp and Kv.
-The numbers of (RU1) were chosen on the draws of seeds 1 and 2 of `runs.conditions.held_out`, by
-the worst of these.
+The numbers of (RU1) were chosen on the draws of seeds 1 and 2 of
+`runs.conditions.held_out_cases`, by the worst of these.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ MIN_STATES = 20
 #: Largest share of a second's states that one stall counts.
 _MAX_STALL_SHARE = 0.1
 #: Cure for a computer that is too slow.
-REMEDY = 'give the controller a priority, or raise control_period: see docs/real_time.md'
+REMEDY = 'give the controller a real-time priority or raise control_period (docs/real_time.md)'
 
 
 class Answered(NamedTuple):
@@ -59,8 +59,8 @@ def shortfall(answered: Answered, least_share: float, min_states: int) -> str:
     states, in_time = answered
     if states < min_states or in_time >= least_share * states:
         return ''
-    return (f'the computer is too slow: {in_time} of the last {states} states were answered in '
-            f'time; least_answered is {least_share:g}; {REMEDY}')
+    return (f'the computer is too slow: only {in_time} of the last {states} states were answered '
+            f'in time, and least_answered requires {100.0 * least_share:g} %; {REMEDY}')
 
 
 class AnsweredStates:

@@ -35,7 +35,7 @@ import numpy as np
 #: Number of the last samples whose chattering term is looked at.
 _SATURATION_SAMPLES = 1000
 #: Likely cause of messages that come too late.
-BUSY = 'this computer is too busy, or processes are stopped'
+BUSY = 'the computer is too busy, or processes are stopped'
 #: Reports over which rates are averaged: a total says nothing about the present.
 WINDOW = 3
 #: Kind of rejected messages that says nothing about the states of the robot.
@@ -138,8 +138,8 @@ class ControllerHealth:
         self.taken = self.restarts = self.saturated = 0
         self._rates = FaultRates(
             FaultKind('{:.2g} restarts per second', 0.0, 1.0),
-            FaultKind('{1:.0f} % of the states refused', 0.01, 0.1),
-            FaultKind('{1:.0f} % of the states skipped for newer ones', 0.2, 0.5))
+            FaultKind('{1:.0f} % of the states were refused', 0.01, 0.1),
+            FaultKind('{1:.0f} % of the states were skipped for newer ones', 0.2, 0.5))
         self._stamps: deque[_StampCount] = deque(maxlen=WINDOW + 1)
         #: Last terms of the law [N·m].
         self._terms: deque[Vector] = deque(maxlen=_SATURATION_SAMPLES)
@@ -194,6 +194,6 @@ class ControllerHealth:
         if len(periods) == WINDOW and all(
                 abs(x - self._period) > PERIOD_TOLERANCE * self._period for x in periods):
             problems.append(Problem(1, (
-                f'states come every {1e-6 * periods[-1]:.3g} ms; control_period is '
-                f'{1e-6 * self._period:g} ms')))
+                f'states come every {1e-6 * periods[-1]:.3g} ms, but control_period is '
+                f'{1e-6 * self._period:g} ms; set it to the period of the robot')))
         return problems

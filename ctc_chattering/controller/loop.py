@@ -185,7 +185,8 @@ class ControlLoop:
         """Bring the reference to rest on its path."""
         begin = None if self.last is None else self.last.t + self.period
         if begin is None or self.motion.at(begin) is None:
-            raise RejectedMessage('early', 'it has no points, and there is no motion to stop')
+            raise RejectedMessage(
+                'early', 'it has no points, which stops a motion, but there is no motion')
         stop = Stop(cast('TimedMotion', self.motion), begin, BRAKING_TIME)
         times = range(begin, stop.end + self.period, self.period)
         self.motion.extend(times, [stop.at(t) for t in times])
@@ -259,16 +260,17 @@ class ControlLoop:
         text = self._describe_jump(jump)
         if self._positions.agrees(state):
             self._positions.take(state)
-            self._trip(f'{text} It stays there: was its encoder set anew, or does it slip?')
+            self._trip(f'{text}; it stays there; check whether its encoder was reset or slips')
         raise RejectedMessage('position_jump', text)
 
     def _describe_jump(self, jump: Jump) -> str:
         """Return a text on a jump and its likely reason."""
         name = self._names[jump.joint]
         text = (f'{name} is at {jump.position:.4g} rad, but {1e3 * jump.elapsed:.3g} ms before it '
-                f'was at {jump.last_position:.4g} rad with {jump.last_velocity:.3g} rad/s.')
+                f'was at {jump.last_position:.4g} rad with {jump.last_velocity:.3g} rad/s')
         return text if not jump.is_whole_turns else (
-            f'{text} That is a whole turn: if it turns endlessly, add it to continuous_joints.')
+            f'{text}; the difference is a whole turn; if the joint turns endlessly, add it to '
+            'continuous_joints')
 
     def answer(self, matched: bool, now: int = 0) -> Answer | None:
         """
@@ -314,7 +316,7 @@ class ControlLoop:
         if sample is None:  # The state is pending, and the restarted law is asked again.
             law.reset(bumpless=True, held=self._held)
             raise RejectedMessage('overflow', (
-                f'no torque can be computed for {list(state.q)}, {list(state.dq)}'))
+                f'the law has no finite torque for q = {list(state.q)}, dq = {list(state.dq)}'))
         if not self._send_checked(law, sample):
             return None
         self._pending = None
@@ -364,8 +366,8 @@ class ControlLoop:
         """Count and report a reference that is late."""
         if self.handle(Input.HOLD):
             self.reference_outages += 1
-            self._log.error(f'reference: nothing for {seconds(self.motion.grace):g} s; holding '
-                            'the position', throttle_duration_sec=1.0)
+            self._log.error(f'reference: no message for {seconds(self.motion.grace):g} s; the '
+                            'robot holds its position', throttle_duration_sec=1.0)
 
     @property
     def answered(self) -> Answered:
@@ -490,7 +492,7 @@ class ControlLoop:
     def request(self, event: Input) -> bool:
         """Handle a request, and return whether anything changed."""
         if changed := self.handle(event):
-            self._log.info(f'{event.value}, by a service')
+            self._log.info(f'{event.value} by a service')
             if event is not Input.DISABLE:
                 self._restart_law()
         return changed

@@ -91,8 +91,8 @@ class LoopStatistics:
         """
         p50 = np.median(self._computing) if self._computing else 0.0
         return '' if p50 <= _MAX_COMPUTING_SHARE * period else (
-            f'the step takes {1e-6 * p50:.2g} ms (p50) at a period of {1e-6 * period:g} ms: too '
-            'slow for the sample rate')
+            f'half of the steps take more than {1e-6 * p50:.2g} ms at a period of '
+            f'{1e-6 * period:g} ms, which is too slow for the sample rate')
 
     def values(self) -> dict[str, float]:
         """Return the values of the report, by name with unit."""

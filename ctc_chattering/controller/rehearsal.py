@@ -34,7 +34,7 @@ _MAX_DURATION_NS = 2 * NANOSECONDS
 #: Share of the configured rate below which a computer does not keep it.
 _MIN_RATE_SHARE = 0.9
 #: Cure for a robot that sends fewer states.
-_FEWER_STATES = 'states come less often: set control_period to that of the robot'
+_FEWER_STATES = 'states come less often; set control_period to the period of the robot'
 
 
 class Rehearsal:
@@ -113,7 +113,7 @@ class Rehearsal:
         rate = (self._answers - 1) / span
         text = (f'before the first torque {states} states came in {span:.2f} s; '
                 f'{in_time} were answered within {1e3 * period:g} ms, with '
-                f'{self._outages} outages: this loop keeps {rate:.0f} Hz')
+                f'{self._outages} outages; this loop reaches {rate:.0f} Hz')
         if min(rate, in_time / span) >= _MIN_RATE_SHARE * configured_rate:
             logger.info(text)
             return

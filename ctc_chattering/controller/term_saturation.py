@@ -67,13 +67,13 @@ class Saturation(NamedTuple):
         """Likely cause, or '' if it is rarely saturated."""
         if self.fraction <= MIN_REPORTED_SHARE:
             return ''
-        return ('ka too small' if self.stretch >= LONG_STRETCH
-                else 'noise, lag or delay too large')
+        return ('ka is too small' if self.stretch >= LONG_STRETCH
+                else 'noise, lag or delay is too large')
 
     def __str__(self) -> str:
         """Return a line for a report."""
-        text = (f'chattering term at its bound for {100.0 * self.fraction:.0f} % of the samples, '
-                f'{self.stretch:.3g} at a stretch')
+        text = (f'the chattering term is at its bound in {100.0 * self.fraction:.0f} % of the '
+                f'samples, for {self.stretch:.3g} samples at a time')
         return f'{text}: {self.cause}' if self.cause else text
 
 

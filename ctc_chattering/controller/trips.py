@@ -78,11 +78,11 @@ class TripLimits(NamedTuple):
 
 TRIP_LIMITS = TripLimits()
 #: Possible causes of an error that grows, or of a feedback that oscillates.
-_CAUSES = ('the drives may be slower than torque_rate_limit, or later than actuator_lag and '
-           'input_delay say, ka too small, joints elastic, or a rotor far from that of the model')
+_CAUSES = ('possible causes are drives that are slower than torque_rate_limit or later than '
+           'actuator_lag and input_delay, a small ka, elastic joints, and a wrong rotor_inertia')
 #: Possible causes of a limit cycle, and the cure.
-_CYCLE_CAUSES = ('the joints are elastic, or an inertia is far from that of the model, often a '
-                 "rotor's; set resonance, or correct rotor_inertia (docs/safety.md#limit-cycles)")
+_CYCLE_CAUSES = ('the joints are elastic, or an inertia of the model is wrong, often a rotor; '
+                 'set resonance or correct rotor_inertia (docs/safety.md#limit-cycles)')
 
 
 def joint_beyond(e: Vector, limit: Vector) -> int | None:
@@ -157,7 +157,7 @@ class TripMonitor:
         if state.strained >= TRIP_LIMITS.strained:
             return f'the feedback of {law} oscillated{self._where(state)}; {_CAUSES}'
         if state.cycling >= TRIP_LIMITS.cycling:
-            return (f'the feedback of {law} found no bandwidth at which it is calm'
+            return (f'the feedback of {law} oscillated at every bandwidth'
                     f'{self._where(state)}; {_CYCLE_CAUSES}')
         return ''
 
@@ -177,7 +177,7 @@ def low_bandwidth(law: Controller) -> list[str]:
     """Return a line if an oscillation reduces the bandwidth."""
     ratio = law.stability.bandwidth
     return [] if ratio > WARN_BANDWIDTH_RATIO else [
-        f'the feedback oscillates; the law is down to {100.0 * ratio:.0f} % of its bandwidth; '
+        f'the feedback oscillates, so the law uses {100.0 * ratio:.0f} % of its bandwidth; '
         f'{_CAUSES}']
 
 
@@ -186,11 +186,12 @@ def unsafe_settings(config: ControllerConfig) -> Iterator[str]:
     law = law_class(config.law)
     for name, ki, bound in zip(config.joint_names, config.ki, law.largest_ki(config)):
         if ki >= bound:
-            yield f'{name}: ki is {ki:g}; the loop is unstable from {max(bound, 0.0):g} on'
+            yield (f'{name}: ki is {ki:g}, but the loop is unstable from {max(bound, 0.0):g} on; '
+                   'lower ki')
     exceeds = map(gt, config.effort_rate_limit, config.torque_rate_limit)
     if not law.is_bounded and any(exceeds):
-        yield ('effort_rate_limit exceeds torque_rate_limit; where drives are slower than the '
-               f'torque that is sent, the estimate of {config.law} grows')
+        yield ('effort_rate_limit exceeds torque_rate_limit; the drives cannot follow such a '
+               f'torque, and the estimate of {config.law} grows; lower effort_rate_limit')
 
 
 def check_change(present: ControllerConfig, candidate: ControllerConfig) -> None:
@@ -213,8 +214,8 @@ def check_change(present: ControllerConfig, candidate: ControllerConfig) -> None
         is_checked = (new > 0.0) & np.isfinite(new) & np.isfinite(old)
         if (ratio > 1.01 * MAX_CHANGE_FACTOR)[is_checked].any():
             raise ParameterError(name, getattr(candidate, spec.field), (
-                f'a change by a factor of at most {MAX_CHANGE_FACTOR:g} at once; if you mean it, '
-                'set values in between first'))
+                f'a change by a factor of at most {MAX_CHANGE_FACTOR:g} at once; for a larger '
+                'change set values in between first'))
 
 
 def _magnitudes(spec: Parameter, value: Any, n: int) -> Array:

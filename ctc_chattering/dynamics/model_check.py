@@ -279,14 +279,14 @@ _CHECKS = (
         _condition_number,
     ),
     _Check('½ dM/dt - C is skew-symmetric', _DIFFERENCE_TOLERANCE, _skew_error),
-    _Check('C dq is what M gives', _DIFFERENCE_TOLERANCE, _lagrange_error),
+    _Check('C dq agrees with the derivatives of M', _DIFFERENCE_TOLERANCE, _lagrange_error),
     _Check(
         'G is the gradient of the potential', _DIFFERENCE_TOLERANCE, _gradient_error
     ),
-    _Check('evaluate gives M, C and G', _SUM_TOLERANCE, _evaluate_error),
-    _Check('inverse_dynamics is M a + C dq + G', _SUM_TOLERANCE, _inverse_error),
+    _Check('evaluate agrees with M, C and G', _SUM_TOLERANCE, _evaluate_error),
+    _Check('inverse_dynamics agrees with M a + C dq + G', _SUM_TOLERANCE, _inverse_error),
     _Check(
-        'forward dynamics undoes inverse dynamics', _SOLUTION_TOLERANCE, _forward_error
+        'forward dynamics inverts inverse dynamics', _SOLUTION_TOLERANCE, _forward_error
     ),
 )
 

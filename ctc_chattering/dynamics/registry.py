@@ -49,26 +49,26 @@ class DescribedConfig(Config):
 
     joint_names: Strings = parameter(
         ('joint1', 'joint2'),
-        'Joints, in the order of gains and torques.',
+        'Joints in the order of gains and torques.',
         read_only=True,
     )
     model: str = parameter(
         'two_link',
-        'Robot model, or your own: docs/robots.md.',
+        'Robot model, or a model of your own (docs/robots.md).',
         choices=MODELS,
         custom=True,
         read_only=True,
     )
     description: str = parameter(
         '',
-        'Model urdf: file of the robot, a path or package://NAME/PATH; empty for the topic '
+        'File of the robot for model urdf, a path or package://NAME/PATH; empty for the topic '
         'robot_description.',
         read_only=True,
     )
     continuous_joints: Strings = parameter(
         (DESCRIBED,),
-        'Joints that turn endlessly, whose positions count modulo 2 pi; described: '
-        'those that the description, or the model, says.',
+        'Joints that turn endlessly, so that positions count modulo 2 pi; described for the '
+        'continuous joints of the description or model.',
         read_only=True,
     )
     control_period: float = parameter(
@@ -115,7 +115,8 @@ class RobotConfig(DescribedConfig):
 
     locked: Strings = parameter(
         ('',),
-        'Positions of joints not in joint_names, each "name position"; default 0.',
+        'Positions of joints that are not in joint_names, each "name position". Other such '
+        'joints stand at 0.',
         read_only=True,
     )
     gravity: float = parameter(
@@ -123,8 +124,8 @@ class RobotConfig(DescribedConfig):
     )
     rotor_inertia: PerJoint = parameter(
         0.0,
-        'Model urdf: inertia of the rotors at the joints, gear ratios squared included; 0 '
-        'for that of the description.',
+        'Inertia of the rotors at the joints for model urdf, including the squared gear ratio; 0 '
+        'for the inertia in the description.',
         'kg*m^2',
         read_only=True,
     )
@@ -278,7 +279,7 @@ def _model_of_user(name: str, joint_names: tuple[str, ...], gravity: float) -> M
         lambda x: issubclass(x, Model),
         'class derived from ctc_chattering.Model',
     )
-    with as_ctc_error(f'the model {name} cannot be made'):
+    with as_ctc_error(f'the model {name} cannot be constructed'):
         model: Model = model_class(joint_names, gravity)
     count = getattr(model, 'n', 'no')
     if count != len(joint_names):

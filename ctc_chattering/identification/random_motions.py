@@ -106,16 +106,21 @@ class ExcitationConfig(Config):
     )
     start: PerJoint = parameter(0.0, 'Position from which the robot comes.', 'rad', minimum=-inf)
     center: PerJoint = parameter(
-        0.0, "Position about which the joints move; default: the reference's.", 'rad', minimum=-inf
+        0.0,
+        "Position about which the joints move. Default: the reference's centre.",
+        'rad',
+        minimum=-inf,
     )
-    friction: PerJoint = parameter(0.0, "Expected Coulomb friction; default: the plant's.", 'N*m')
+    friction: PerJoint = parameter(
+        0.0, "Expected Coulomb friction. Default: the plant's friction.", 'N*m'
+    )
     position_range: PerJoint = parameter(
         0.8, 'Greatest distance from the centre.', 'rad', minimum=LEAST
     )
     velocity_scale: float = parameter(
         0.5,
-        'Part of the limits of velocity and acceleration in the description to use; '
-        f'without these limits, {SHAPE.usual_velocity:g} rad/s count.',
+        'Fraction of the limits of velocity and acceleration in the description to use. '
+        f'A missing limit counts as {SHAPE.usual_velocity:g} rad/s.',
         minimum=LEAST,
         maximum=1.0,
     )
@@ -124,10 +129,15 @@ class ExcitationConfig(Config):
         0.02, 'Distance that links keep from each other.', 'm', minimum=0.001, maximum=1.0
     )
     floor: float = parameter(
-        inf, 'Height of a floor in the frame of the root link; default: none.', 'm', minimum=-inf
+        inf,
+        'Height of a floor in the frame of the root link. Default: no floor.',
+        'm',
+        minimum=-inf,
     )
     evaluations: int = parameter(
-        20, 'Random motions, of which the first that keeps all limits is taken.', minimum=1
+        20,
+        'Largest number of random motions to try. The first one within all limits is used.',
+        minimum=1,
     )
     seed: int = parameter(0, 'Seed of the random motions.')
 

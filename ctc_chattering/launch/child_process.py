@@ -114,7 +114,7 @@ class Child:
         if (self.status or 0) < 0:
             end = f'signal {signal.Signals(-self.process.returncode).name}'
         output = '\n'.join(f'    {line}' for line in self.tail or ['(it printed nothing)'])
-        return f'{self.name} ended with {end}; its last output:\n{output}'
+        return f'{self.name} ended with {end}. Its last output is:\n{output}'
 
 
 def stop(children: Sequence[Child], patience: float = 5.0) -> None:

@@ -130,7 +130,7 @@ class Requests:
                 self._show(request.description, *_outcome(request.response))
             elif now > request.deadline:
                 self.pending.remove(request)
-                self._show(request.description, False, f'no answer of {client.srv_name}')
+                self._show(request.description, False, f'{client.srv_name} did not answer')
             elif now > request.next_try and client.service_is_ready():
                 request.next_try = now + _RETRY_S
                 client.call_async(request.message).add_done_callback(request.take_response)

@@ -104,4 +104,4 @@ def _holder(address: str) -> str:
         command = Path(f'/proc/{pid}/cmdline').read_bytes().replace(b'\0', b' ').decode(
             errors='replace')
         return f'process {pid}, {"".join(filter(str.isprintable, command)).strip()}'
-    return 'a process of which nothing is known'
+    return 'an unknown process'

@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A page that shows the arm and the law, of a running graph or of bags, and exports of it."""
+"""
+Page of a running graph or of bags in the browser.
+
+`ctc live` makes a `Page`, which `GraphPage` or `BagPage` fills. `write_export` writes one of bags.
+"""
 
 import logging
 from typing import Any
@@ -27,13 +31,14 @@ def require_viser() -> Any:
     Raises
     ------
     UsageError
-        If it is not installed; one line that says how to install it.
+        If it is not installed.
 
     """
     try:
         import viser
     except ImportError as error:
-        raise UsageError(f'the page needs viser ({error}): pip install viser') from None
+        raise UsageError(
+            f'the page needs viser ({error}). Install it with pip install viser') from None
     # A browser that goes away in the middle of a message is no error.
     logging.getLogger('websockets').setLevel(logging.CRITICAL)
     return viser

@@ -12,7 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The page of a running graph: plots of all its samples, the arm, light, reports, controls."""
+"""
+Page of a running graph.
+
+It has plots, arm, light, reports and controls.
+
+`ctc live` without a bag calls `run_graph_page`. `GraphReader` has what the graph publishes, and
+`Page` shows it in browsers.
+"""
 
 from __future__ import annotations
 
@@ -22,15 +29,15 @@ import time
 from typing import Any
 
 from ctc_chattering.analysis.result import position_units
-from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
 from ctc_chattering.launch.requests import Requests
-from ctc_chattering.live.controls import Controls, RecorderProcess
+from ctc_chattering.live.controls import Controls
 from ctc_chattering.live.graph_reader import GraphReader
-from ctc_chattering.live.health import ENDED, light, SIGNS, SILENT
-from ctc_chattering.live.page import ArmView, Page
-from ctc_chattering.live.page_socket import Message, PageSocket, word
+from ctc_chattering.live.page import ArmView, describe_law, Page
+from ctc_chattering.live.page_socket import encode_message, Message, PageSocket
+from ctc_chattering.live.recorder_process import RecorderProcess
 from ctc_chattering.live.skeleton import skeleton_of
+from ctc_chattering.live.status_light import assess, Level
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.ros.process import check_security, end_after, use_profile
 from ctc_chattering.ros.spinning import Executor
@@ -38,56 +45,50 @@ import numpy as np
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
-#: Between two pictures of the arm, two of the numbers and the light, and two of the plots [s].
-_FRAME, _NUMBERS, _PLOTS = 1 / 30, 0.2, 0.1
-#: Time for callbacks in each frame; to wait for a service and its answer [s].
-_SERVE, _PATIENCE = 0.001, 3.0
-#: How long the middleware may take to leave the graph [s]: Fast DDS hangs now and then.
-_LEAVE = 0.5
-#: Last seconds that the plots follow [s], and signals that are chosen at first.
-WINDOW = 10.0
-_SIGNALS = ('e', 'V', 'torque', 'rate')
-#: Desired positions of the last seconds that the camera shows.
-_POSES = 24
-#: Further than this out of what the camera shows, as a part of its size, the arm is shown anew.
-_OUT = 0.05
+#: Time between two pictures of the arm [s].
+_ARM_PERIOD_S = 1 / 30
+#: Time between two messages of new samples [s].
+_PLOT_PERIOD_S = 0.1
+#: Time between two updates of numbers and light [s].
+_LIGHT_PERIOD_S = 0.2
 
 
 class GraphPage:
     """
-    Shows a graph, and carries out what is asked on the page.
+    Page of a graph, with its requests.
 
     Parameters
     ----------
     page : Page
     reader : GraphReader
     bags : Path
-        Where bags are recorded.
+        Directory of new bags.
     ros_args : sequence of str
         Arguments for ROS of the recorder.
-    controls : bool
-        Whether the page has any.
+    with_controls : bool
+        False for a page that sends nothing to the graph.
 
     """
 
     def __init__(self, page: Page, reader: GraphReader, bags: Path, ros_args: Sequence[str] = (),
-                 controls: bool = True) -> None:
-        self._page, self._reader = page, reader
+                 with_controls: bool = True) -> None:
+        self._page = page
+        self._reader = reader
         self._executor = Executor()
         self._executor.add_node(reader)
-        self._requests = Requests(reader, self._answer, _PATIENCE)
-        self._recording = RecorderProcess(bags, ros_args, self._answer)
-        self._controls = (Controls(page.socket, reader, self._requests, self._recording)
-                          if controls else None)
+        self._requests = Requests(reader, self._on_answer, patience=3.0)
+        self._recorder = RecorderProcess(bags, ros_args, self._on_answer)
+        self._controls: Controls | None = None
+        if with_controls:
+            self._controls = Controls(page.socket, reader, self._requests, self._recorder)
         self._plots = GraphPlots(page.socket, reader)
         self._arm = GraphArm(page, reader)
-        page.socket.on('fit', None, lambda _: self._arm.look())
-        self._made_of: Any = None
-        self._due = 0.0
+        page.socket.on('fit', None, lambda _: self._arm.fit_view())
+        self._next_light = 0.0
 
-    def _answer(self, what: str, done: bool, answer: str) -> None:
+    def _on_answer(self, request: str, done: bool, text: str) -> None:
         if self._controls is not None:
-            self._controls.answer(what, done, answer)
+            self._controls.answer(request, done, text)
 
     def run(self, stop: Sequence[int]) -> None:
         """Serve until a signal is in `stop`."""
@@ -95,133 +96,130 @@ class GraphPage:
             while not stop:
                 begin = time.monotonic()
                 self.update(begin)
-                time.sleep(max(0.2 * _FRAME, begin + _FRAME - time.monotonic()))
-            self.update(time.monotonic())  # How a graph has ended, with which this page ends.
+                remaining = begin + _ARM_PERIOD_S - time.monotonic()
+                time.sleep(max(0.2 * _ARM_PERIOD_S, remaining))
+            # A graph that ends together with this page says why.
+            self.update(time.monotonic())
         finally:
-            self._recording.close()
+            self._recorder.close()
             self._executor.remove_node(self._reader)
 
     def update(self, now: float) -> None:
-        """Take what has come, carry out what was clicked, and show what is due."""
+        """Take what has come, send requests, and show what is due."""
         self._reader.poll()
-        self._reader.serve(self._executor, _SERVE)
+        self._reader.serve(self._executor, 0.001)
         self._requests.poll()
-        self._recording.poll()
-        self._make()
+        self._recorder.poll()
+        self._arm.rebuild()
         self._plots.update(now)
         if not self._page.socket.watched:
             return
-        with self._page.server.atomic():
+        with self._page.server.viser.atomic():
             self._arm.show()
-        if now >= self._due:
-            self._due = now + _NUMBERS
-            self._show_numbers()
+        if now >= self._next_light:
+            self._next_light = now + _LIGHT_PERIOD_S
+            self._show_light()
 
-    def _make(self) -> None:
-        """Make the parts of the page that depend on the robot, when it is known or changes."""
-        config, description = self._reader.config, self._reader.description
-        if config is None:
-            return
-        made_of = config.model, config.joint_names, config.locked, description
-        if made_of != self._made_of:
-            self._made_of = made_of
-            self._arm.make(config, description)
-
-    def _show_numbers(self) -> None:
-        reader, socket = self._reader, self._page.socket
-        reports, silence = reader.reports(), reader.silence()
+    def _show_light(self) -> None:
+        """Show light, reports, controls and answers."""
+        reader = self._reader
+        socket = self._page.socket
+        reports = reader.reports
+        silence = reader.silence
         horizon = reader.parameters['reference'].get('horizon')
+        # The reference is silent between two chunks.
         patience = 0.5 * horizon if isinstance(horizon, int | float) else 0.0
-        found = light(reports, silence, reader.simulated, {'reference': SILENT + patience},
-                      time.time())
-        socket.tell(
-            light={'level': found.level, 'sign': SIGNS[found.level], 'lines': found.lines,
-                   'law': self._law()},
-            ended=f'{SIGNS[ENDED]}. {"; ".join(found.lines)}' if found.level == ENDED else '',
+        light = assess(reports, silence, reader.simulated, patience, time.time())
+        has_ended = light.level == Level.ENDED
+        socket.send(
+            light={'level': light.level, 'title': light.level.title, 'lines': light.lines,
+                   'law': f'law {describe_law(reader.config)}' if reader.config else ''},
+            ended=f'{light.level.title}. {"; ".join(light.lines)}' if has_ended else '',
             reports=[(name, report.message, list(report.values.items()))
                      for name, report in sorted(reports.items())])
         if self._controls is not None:
-            socket.tell(controls=self._controls.state(), answers=list(self._controls.answers))
-        # Also where nothing is new: the page counts anew.
-        socket.send(word(silent=0.0 if reader.simulated else min(silence.values(), default=0.0)))
-
-    def _law(self) -> str:
-        """Return law and switching; nothing before they are known."""
-        config = self._reader.config
-        if config is None:
-            return ''
-        return f'law {config.law}' + (
-            f', {config.switching}' if config.takes('switching') else '')
+            socket.send(controls=self._controls.state(), answers=list(self._controls.answers))
+        # The page updates its numbers by it, so it is sent even if it is the same.
+        age = 0.0 if reader.simulated else min(silence.values(), default=0.0)
+        socket.broadcast(encode_message(silent=age))
 
 
 class GraphPlots:
     """
-    Sends what is new.
+    Samples of a graph for the plots of all pages.
 
     Parameters
     ----------
-    samples : PageSocket
-        To the pages.
+    socket : PageSocket
     reader : GraphReader
-        Of the graph.
 
     """
 
-    def __init__(self, samples: PageSocket, reader: GraphReader) -> None:
-        self._samples, self._reader = samples, reader
-        self._about: Any = None
-        self._shown = ''
-        self._due = 0.0
+    def __init__(self, socket: PageSocket, reader: GraphReader) -> None:
+        self._socket = socket
+        self._reader = reader
+        #: Joints, description and note that the plots are made of.
+        self._source: Any = None
+        #: The message that makes the plots.
+        self._show = ''
+        self._next_samples = 0.0
 
     def update(self, now: float) -> None:
-        """Send the samples that have come when it is time, and all to new pages."""
-        samples, about = self._samples, (
-            self._reader.names, self._reader.description, self._note())
-        if about != self._about:
-            self._about, self._shown = about, self._show()
-            samples.send(self._shown)
-            self._send(fresh=True)
-        if now >= self._due:
-            self._due = now + _PLOTS
-            self._send()
-        samples.poll(self._greeting)
+        """Send the samples that are due."""
+        source = self._reader.names, self._reader.description, self._note()
+        if source != self._source:
+            self._source = source
+            self._show = self._describe()
+            self._socket.broadcast(self._show)
+            self._send_samples(fresh=True)
+        if now >= self._next_samples:
+            self._next_samples = now + _PLOT_PERIOD_S
+            self._send_samples()
+        self._socket.poll(self._greet)
 
-    def _send(self, fresh: bool = False) -> None:
-        if self._samples.watched:
-            for message in self._packed(fresh):
-                self._samples.send(message)
+    def _send_samples(self, fresh: bool = False) -> None:
+        if self._socket.watched:
+            for message in self._pack(fresh):
+                self._socket.broadcast(message)
 
-    def _greeting(self) -> list[Message]:
-        self._send()  # What comes next for the others must come next for the new page, too.
-        return [self._shown, *self._packed(fresh=True)]
+    def _greet(self) -> list[Message]:
+        """Return all messages for a new page."""
+        self._send_samples()  # The next new ones are then the same for all pages.
+        return [self._show, *self._pack(fresh=True)]
 
-    def _packed(self, fresh: bool) -> list[bytes]:
-        """Return the samples that were not sent, or all that are kept."""
-        found = [track.packed(self._reader.begin, fresh) for track in self._reader.tracks.values()]
-        return [message for message in found if message]
+    def _pack(self, fresh: bool) -> list[bytes]:
+        """Return the samples that were not sent, or all samples."""
+        tracks = self._reader.tracks.values()
+        return list(filter(None, [track.packed(self._reader.begin, fresh) for track in tracks]))
 
-    def _show(self) -> str:
+    def _describe(self) -> str:
+        """Return the message that makes the plots."""
         names = self._reader.names
-        return word(show={
-            'joints': names, 'units': position_units(names, self._reader.description),
-            'runs': [{'name': ''}], 'options': {'window': WINDOW, 'signals': _SIGNALS},
+        return encode_message(show={
+            'joints': names,
+            'units': position_units(names, self._reader.description),
+            'runs': [{'name': ''}],
+            # The plots follow the last seconds.
+            'options': {'window': 10.0, 'signals': ('e', 'V', 'torque', 'rate')},
             'note': self._note()})
 
     def _note(self) -> str:
-        """Return which samples there are."""
+        """Return which samples are drawn."""
         if not self._reader.names:
             return 'waiting for a graph'
-        values = self._reader.parameters['controller']
-        every = values.get('state_decimation')
-        terms = ('those of its other topics' if not isinstance(every, int) else
-                 'every sample of the law' if every == 1 else
-                 f'every {every}th sample of the law (state_decimation)')
-        return f'Drawn: every message of joint_states (q, dq, effort), and {terms}.'
+        decimation = self._reader.parameters['controller'].get('state_decimation')
+        if not isinstance(decimation, int):
+            terms = 'every message of the other topics'
+        elif decimation == 1:
+            terms = 'every sample of the law'
+        else:
+            terms = f'every {decimation}th sample of the law (state_decimation)'
+        return f'The plots show every message of joint_states (q, dq, effort), and {terms}.'
 
 
 class GraphArm:
     """
-    Draws the arm of a graph, once it is known.
+    Arm of a graph, once it is known.
 
     Parameters
     ----------
@@ -231,50 +229,66 @@ class GraphArm:
     """
 
     def __init__(self, page: Page, reader: GraphReader) -> None:
-        self._page, self._reader = page, reader
+        self._page = page
+        self._reader = reader
+        self._robot: Any = None
         self._view: ArmView | None = None
-        #: Points that the camera shows, shape (N, 3) [m].
+        #: Points that the cameras show, shape (N, 3) [m].
         self._shown: Array | None = None
 
-    def make(self, config: ControllerConfig, description: str) -> None:
-        """Draw another robot from now on."""
+    def rebuild(self) -> None:
+        """Draw the robot if it is new."""
+        config = self._reader.config
+        if config is None:
+            return
+        robot = config.model, config.joint_names, config.locked, self._reader.description
+        if robot == self._robot:
+            return
+        self._robot = robot
         try:
-            skeleton = skeleton_of(config, description)
+            skeleton = skeleton_of(config, self._reader.description)
         except CtcError as error:
             skeleton = None
-            self._reader.get_logger().warning(f'no picture of the arm: {error}')
-        (self._view,) = self._page.show_arms([skeleton])
+            self._reader.get_logger().warning(f'the arm cannot be drawn: {error}')
+        self._view = self._page.show_arms([skeleton])[0]
         self._shown = None
 
     def show(self) -> None:
-        """Draw it where it is, and the ghost by how much its error is magnified."""
+        """Draw the last pose, and follow it with the cameras."""
         if self._view is None:
             return
-        pose = self._reader.pose()
-        self._view.magnified = self._page.magnified
-        self._view.show(*pose)
-        now = self._view.points([x for x in pose if x is not None])
+        pose = self._reader.pose
+        self._view.show(pose.q, pose.q_d, self._page.magnification)
         if self._shown is None:
-            self.look(again=False)
-        elif len(now):  # Has it left what the camera shows?
-            least, most = self._shown.min(axis=0), self._shown.max(axis=0)
-            if max((now - most).max(), (least - now).max()) > _OUT * (most - least).max():
-                self._look_at(np.concatenate((self._shown, now)), again=False)
+            self.fit_view(after_move=False)
+            return
+        points = self._view.points([q for q in pose[1:] if q is not None])
+        if len(points) and _is_outside(points, self._shown):
+            self._look_at(np.concatenate((self._shown, points)), after_move=False)
 
-    def look(self, again: bool = True) -> None:
-        """Have cameras show the arm and its desired motion, as far as it is known."""
-        poses = [x for x in self._reader.pose() if x is not None]
-        if self._view is not None and poses:
-            self._look_at(self._view.points(poses + self._reader.desired(_POSES)), again)
+    def fit_view(self, after_move: bool = True) -> None:
+        """Show the arm and its desired motion, where known."""
+        positions = [q for q in self._reader.pose[1:] if q is not None]
+        if self._view is not None and positions:
+            positions += self._reader.desired_positions(24)
+            self._look_at(self._view.points(positions), after_move)
 
-    def _look_at(self, points: Array, again: bool) -> None:
+    def _look_at(self, points: Array, after_move: bool) -> None:
         if len(points):
             self._shown = points
-            self._page.cameras.look(points, again)
+            self._page.cameras.look(points, after_move)
+
+
+def _is_outside(points: Array, shown: Array) -> bool:
+    """Return whether points have left the shown box by 5 %."""
+    low = shown.min(axis=0)
+    high = shown.max(axis=0)
+    distance = np.maximum(points - high, low - points).max()
+    return bool(distance > 0.05 * (high - low).max())
 
 
 def run_graph_page(make_page: Callable[[], Page], stop: Sequence[int], ros_args: Sequence[str],
-                   controls: bool = True, bags: Path = Path()) -> None:
+                   with_controls: bool = True, bags: Path = Path()) -> None:
     """
     Serve the page of a running graph until a signal comes.
 
@@ -286,10 +300,10 @@ def run_graph_page(make_page: Callable[[], Page], stop: Sequence[int], ros_args:
         Fills with the signals.
     ros_args : sequence of str
         Arguments for ROS, such as a namespace.
-    controls : bool
-        Whether the page has any.
+    with_controls : bool
+        False for a page that sends nothing to the graph.
     bags : Path
-        Where the page records bags.
+        Directory of new bags.
 
     Raises
     ------
@@ -309,11 +323,11 @@ def run_graph_page(make_page: Callable[[], Page], stop: Sequence[int], ros_args:
     try:
         page = make_page()
         try:
-            GraphPage(page, reader, bags, ros_args, controls).run(stop)
+            GraphPage(page, reader, bags, ros_args, with_controls).run(stop)
             status = 0
         finally:
             page.close()
     finally:
-        end_after(_LEAVE, status)
+        end_after(0.5, status)  # Fast DDS hangs now and then when it leaves the graph.
         reader.destroy_node()
         rclpy.try_shutdown()

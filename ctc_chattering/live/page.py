@@ -12,56 +12,58 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The page: plots, panel and scene, the arms in it, and the cameras of the browsers."""
+"""
+HTML page, scene and cameras of `ctc live`.
+
+`GraphPage` and `BagPage` fill it. `server.serve` decides who may open it.
+
+The cameras show all points p of the arms as large as the view allows. With the camera's axes and a
+view of width w and height h at distance 1, a point is seen if
+
+    |p_x - c_x| <= w/2 (d - p_z),  |p_y - c_y| <= h/2 (d - p_z),                        (CM1)
+
+where c is the point that the camera looks at, and d its distance. The smallest d is found for
+width and height alone, and the larger one is used.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from functools import partial
-from itertools import product
-from math import cos, radians, sin, tan
+from math import tan
 from typing import Annotated, Any, Literal, NamedTuple
 
 from ctc_chattering.analysis.markup import asset, component, fragment, Markup
-from ctc_chattering.analysis.markup import page as page_of
-from ctc_chattering.configuration.package_share import find_mesh
-from ctc_chattering.errors import CtcError
+from ctc_chattering.analysis.markup import page as render_page
+from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.live import require_viser
 from ctc_chattering.live.page_socket import PageSocket
-from ctc_chattering.live.server import free_port, HOST, serve, stop
-from ctc_chattering.live.skeleton import LONGEST, places, quaternion, Shape, Skeleton, stage
+from ctc_chattering.live.server import free_port, HOST, serve
+from ctc_chattering.live.skeleton import body_meshes, quaternion, root_positions, Skeleton, stage
 from ctc_chattering.numerics.linear_algebra import Array
 from msgspec import Meta
 import numpy as np
+from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
-_SCRIPTS = ('numbers.js', 'player.js', 'status.js', 'controls.js', 'view.js', 'page.js')
-#: Blue and orange of the palette of Okabe and Ito. Of the ghost, larger and transparent, only what
-#: is behind the arm is drawn, so that the arm keeps its colour.
-ARM_COLOUR, GHOST_COLOUR = (0, 114, 178), (230, 159, 0)
-_GHOST_SCALE, _GHOST_OPACITY = 1.03, 0.6
-#: What the ghost's distance from the arm may be multiplied by, and the largest that is drawn of a
-#: joint then [rad or m].
-Magnified = Literal[1, 10, 100, 1000]
-_LARGEST = 1.0
-#: Of more triangles a link is drawn by its other shapes.
-_MOST = 200_000
-#: Vertical angle of view [rad]; width of a view as a part of its height where it is not known.
-FIELD, ASPECT = 0.8, 0.9
-#: Part of the width or of the height of the view, whichever is less room, that the arms fill.
-_FILLS = 0.85
-#: Direction from the arms to the camera [rad].
-_AZIMUTH, _ELEVATION = radians(-60), radians(12)
-#: Where a body is furthest out, seen from its middle: corners, edges and faces of a cube.
-_WAYS = np.array([x for x in product((-1.0, 0.0, 1.0), repeat=3) if any(x)])
-_WAYS /= np.linalg.norm(_WAYS, axis=1)[:, None]
-#: Width of a view as a part of its height, as a browser says it.
+#: Blue and orange of the palette of Okabe and Ito.
+_ARM_COLOUR = (0, 114, 178)
+_GHOST_COLOUR = (230, 159, 0)
+#: Factor on the error with which the ghost is drawn.
+Magnification = Literal[1, 10, 100, 1000]
+#: Vertical angle of view [rad].
+FIELD_OF_VIEW = 0.8
+#: Width over height of a view that has not said it.
+_USUAL_ASPECT = 0.9
+#: Width over height of a view, as a browser sends it.
 Aspect = Annotated[float, Meta(ge=0.3, le=3.0)]
+#: Right, up and backward of a camera that turns to -60° from x and looks down by 12°.
+_CAMERA_AXES = Rotation.from_euler('ZX', (30.0, 78.0), degrees=True).as_matrix().T
 
 
 class Page:
     """
-    What is common to the page of a graph and that of a bag.
+    Page of a graph or of bags.
 
     Parameters
     ----------
@@ -69,257 +71,270 @@ class Page:
     host : str
         Address to listen on.
     port : int or None
-        Port; None for the first free one.
+        Port, or None for the first free one.
 
     Attributes
     ----------
-    server : ViserServer
-    url : str
-        What to open, with the token without which nothing is shown.
+    server : PageServer
     socket : PageSocket
-        The WebSocket of samples and words.
-    magnified : int
-        What errors are multiplied by where the ghost is drawn; one of `Magnified`.
+        WebSocket of the page around the scene.
     cameras : Cameras
-        Of the browsers.
+    magnification : int
+        Factor on the error with which ghosts are drawn.
 
     Raises
     ------
     CtcError
-        If the port is taken, the address is none of this machine's, or access cannot be checked.
+        If the port is taken, the address is not this machine's, or access cannot be checked.
 
     """
 
     def __init__(self, title: str, host: str = HOST, port: int | None = None) -> None:
-        self.socket, self.magnified = PageSocket(), 1
-        page = page_of('ctc_chattering.live', 'live.html', title=title, component=component(),
-                       style=asset('ctc_chattering.live', 'web/live.css'),
-                       scripts=scripts(_SCRIPTS))
-        self.server, self.url = serve(
-            require_viser(), host, free_port(host, port), page, self.socket)
-        self.server.scene.set_up_direction('+z')
-        self.cameras = Cameras(self.server, self.socket)
-        self.socket.on('magnify', Magnified, partial(setattr, self, 'magnified'))
+        self.socket = PageSocket()
+        self.magnification = 1
+        page = render_page(
+            'ctc_chattering.live',
+            'live.html',
+            title=title,
+            component=component(),
+            style=asset('ctc_chattering.live', 'web/live.css'),
+            scripts=scripts('numbers.js', 'player.js', 'status.js', 'controls.js', 'view.js',
+                            'page.js'))
+        self.server = serve(require_viser(), host, free_port(host, port), page, self.socket)
+        self.server.viser.scene.set_up_direction('+z')
+        self.cameras = Cameras(self.server.viser, self.socket)
+        self.socket.on('magnify', Magnification, partial(setattr, self, 'magnification'))
 
     def show_arms(self, skeletons: Sequence[Skeleton | None]) -> list[ArmView | None]:
-        """Put arms side by side into the scene, in place of those there."""
-        scene = self.server.scene
+        """Replace the arms in the scene by others, side by side."""
+        scene = self.server.viser.scene
         scene.reset()
         reach, floor = stage(skeletons)
         scene.add_grid('/grid', 4.0 * reach, 4.0 * reach, cell_size=reach / 4,
                        section_size=reach, position=(0.0, 0.0, floor))
-        self.socket.tell(scene=' '.join(
-            f'{len(x.bodies)}:{x.n}:{x.reach:.3f}' for x in skeletons if x is not None))
-        return [None if skeleton is None else ArmView(self.server, skeleton, f'arm{i}', place)
-                for i, (skeleton, place) in enumerate(
-                    zip(skeletons, places(len(skeletons), reach)))]
+        # Pages answer a new text with the shape of their view.
+        self.socket.send(scene=' '.join(
+            f'{len(x.bodies)}:{x.kinematics.n}:{x.reach:.3f}' for x in skeletons if x is not None))
+        roots = root_positions(len(skeletons), reach)
+        return [None if skeleton is None else ArmView(scene, skeleton, f'/arm{i}', root)
+                for i, (skeleton, root) in enumerate(zip(skeletons, roots))]
 
     def close(self) -> None:
         """Stop serving."""
-        stop(self.server)
+        self.server.stop()
 
 
-def scripts(names: Sequence[str]) -> Markup:
+def describe_law(config: ControllerConfig) -> str:
+    """Return the names of law and switching."""
+    return f'{config.law}, {config.switching}' if config.takes('switching') else config.law
+
+
+def scripts(*names: str) -> Markup:
     """Return scripts of ``live/web/`` for a page."""
-    return fragment('{% for x in scripts %}<script>\n{{ x }}</script>\n{% endfor %}', scripts=[
-        asset('ctc_chattering.live', f'web/{name}') for name in names])
+    return fragment(
+        '{% for x in scripts %}<script>\n{{ x }}</script>\n{% endfor %}',
+        scripts=[asset('ctc_chattering.live', f'web/{name}') for name in names])
 
 
 class ArmView:
     """
-    An arm and its ghost, each hidden until its position is known.
+    Arm and ghost in the scene.
+
+    Each is hidden until its position is known.
 
     Parameters
     ----------
-    server : ViserServer
+    scene : SceneApi
     skeleton : Skeleton
     name : str
-        Of its nodes in the scene.
-    place : sequence of float, shape (3,)
-        Where its root is [m].
-
-    Attributes
-    ----------
-    skeleton : Skeleton
-    magnified : int
-        What the error is multiplied by where the ghost is drawn; one of `Magnified`.
+        Name of its node in the scene.
+    root : sequence of float, shape (3,)
+        Position of its root [m].
 
     """
 
-    def __init__(self, server: Any, skeleton: Skeleton, name: str,
-                 place: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
-        self.skeleton, self.magnified = skeleton, 1
-        self._place = np.array(place)
-        server.scene.add_frame(f'/{name}', show_axes=False, position=place)
-        shapes = drawn(skeleton)
-        self._outlines = [outermost([mesh.vertices for mesh in body]) for body in shapes]
-        self._parts, self._frames = {}, {}
-        for part, colour, scale, opacity, side in (
-                ('arm', ARM_COLOUR, 1.0, None, 'front'),
-                ('ghost', GHOST_COLOUR, _GHOST_SCALE, _GHOST_OPACITY, 'back')):
-            self._parts[part] = server.scene.add_frame(
-                f'/{name}/{part}', show_axes=False, visible=False)
-            frames = self._frames[part] = [
-                server.scene.add_frame(f'/{name}/{part}/{i}', show_axes=False)
-                for i in range(len(shapes))]
-            for frame, body in zip(frames, shapes):
-                for k, mesh in enumerate(body):
-                    vertices, faces = map(np.asarray, (mesh.vertices, mesh.faces))
-                    middle = vertices.mean(axis=0)
-                    server.scene.add_mesh_simple(
-                        f'{frame.name}/{k}', middle + scale * (vertices - middle), faces,
-                        color=colour, opacity=opacity, side=side, flat_shading=False,
-                        cast_shadow=False, receive_shadow=False)
+    def __init__(self, scene: Any, skeleton: Skeleton, name: str,
+                 root: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
+        self._skeleton = skeleton
+        self._root = np.array(root)
+        meshes = body_meshes(skeleton)
+        #: Corners of each body's boxes, shape (N, 3) [m].
+        self._corners = [
+            np.reshape([mesh.bounding_box.vertices for mesh in body], (-1, 3)) for body in meshes]
+        scene.add_frame(name, show_axes=False, position=root)
+        self._arm = _DrawnArm(scene, f'{name}/arm', meshes, color=_ARM_COLOUR)
+        # Only what is behind the arm is drawn of the larger ghost, so the arm keeps its colour.
+        self._ghost = _DrawnArm(
+            scene, f'{name}/ghost', [[_enlarged(mesh, 1.03) for mesh in body] for body in meshes],
+            color=_GHOST_COLOUR, opacity=0.6, side='back')
 
     def points(self, positions: Iterable[Array]) -> Array:
-        """Return the outline of the arm at `positions`, each of shape (n,), shape (N, 3) [m]."""
-        found = [np.empty((0, 3))]
-        for q in positions:
-            found += [outline @ pose[:3, :3].T + pose[:3, 3]
-                      for outline, pose in zip(self._outlines, self.skeleton.poses(q))]
-        points: Array = np.concatenate(found) + self._place
-        return points
+        """
+        Return corners of boxes around the bodies at some positions.
 
-    def show(self, q: Array | None, q_d: Array | None) -> None:
-        """Draw the arm at `q` and the ghost at `q_d`, each of shape (n,) [rad], where known."""
-        if q is not None and q_d is not None and self.magnified != 1:
-            q_d = q + np.clip(self.magnified * (q_d - q), -_LARGEST, _LARGEST)
-        for part, position in (('arm', q), ('ghost', q_d)):
-            if position is None:
-                continue
-            poses = self.skeleton.poses(position)
-            for frame, pose in zip(self._frames[part], poses):
-                frame.wxyz, frame.position = quaternion(pose[:3, :3]), pose[:3, 3]
-            if not self._parts[part].visible:
-                self._parts[part].visible = True
+        Parameters
+        ----------
+        positions : iterable of ndarray, shape (n,)
+            Joint positions [rad or m].
+
+        Returns
+        -------
+        ndarray, shape (N, 3)
+            Corners [m].
+
+        """
+        points = [
+            corners @ pose[:3, :3].T + pose[:3, 3] + self._root
+            for q in positions
+            for corners, pose in zip(self._corners, self._skeleton.poses(q))]
+        return np.concatenate([np.empty((0, 3)), *points])
+
+    def show(self, q: Array | None, q_d: Array | None, magnification: float = 1.0) -> None:
+        """
+        Draw the arm and the ghost where their positions are known.
+
+        Parameters
+        ----------
+        q, q_d : ndarray, shape (n,), or None
+            Position and desired position [rad or m].
+        magnification : float
+            Factor on the error. A joint of the ghost is at most 1 rad or m away then.
+
+        """
+        if q is not None and q_d is not None and magnification != 1:
+            q_d = q + np.clip(magnification * (q_d - q), -1.0, 1.0)
+        for drawn_arm, position in ((self._arm, q), (self._ghost, q_d)):
+            if position is not None:
+                drawn_arm.show(self._skeleton.poses(position))
 
 
-def drawn(skeleton: Skeleton) -> list[list[Any]]:
+class _DrawnArm:
     """
-    Return the meshes of every body.
+    Bodies of an arm in the scene.
 
-    A body has its visual shapes; if one of their files is not found or not read, its shapes for
-    collisions; and if these are not either, its capsules. An arm without shapes has capsules.
+    Parameters
+    ----------
+    scene : SceneApi
+    name : str
+        Name of its node in the scene.
+    meshes : sequence of sequences of Trimesh
+        Meshes of each body.
+    **style : Any
+        Colour, opacity and side for viser.
+
     """
-    bare = not any(body.visual or body.collision for body in skeleton.bodies)
-    found = []
-    for body in skeleton.bodies:
-        choices = [x for x in (body.visual, body.collision) if x]
-        if choices or bare:
-            choices.append(body.capsules)
-        made = ([triangles(shape) for shape in shapes] for shapes in choices)
-        found.append(next((x for x in made if all(mesh is not None for mesh in x)), []))
-    return found
+
+    def __init__(self, scene: Any, name: str, meshes: Sequence[Sequence[Any]],
+                 **style: Any) -> None:
+        self.root = scene.add_frame(name, show_axes=False, visible=False)
+        self.frames = []
+        for i, body in enumerate(meshes):
+            self.frames.append(scene.add_frame(f'{name}/{i}', show_axes=False))
+            for k, mesh in enumerate(body):
+                scene.add_mesh_simple(
+                    f'{name}/{i}/{k}', np.asarray(mesh.vertices), np.asarray(mesh.faces),
+                    flat_shading=False, cast_shadow=False, receive_shadow=False, **style)
+
+    def show(self, poses: Array) -> None:
+        """Move the bodies to poses, shape (bodies, 4, 4)."""
+        for frame, pose in zip(self.frames, poses):
+            frame.wxyz = quaternion(pose[:3, :3])
+            frame.position = pose[:3, 3]
+        self.root.visible = True
 
 
-def triangles(shape: Shape) -> Any:
-    """Return the mesh of a shape in the frame of its body; None if it is not found or not read."""
-    with suppress(Exception):  # Of arbitrary files, readers raise arbitrary exceptions.
-        mesh = _mesh(shape)
-        if 0 < len(mesh.faces) <= _MOST:
-            mesh.apply_transform(shape.pose)
-            if np.abs(mesh.vertices).max() < LONGEST:
-                return mesh
-    return None
+def _enlarged(mesh: Any, scale: float) -> Any:
+    """Return a mesh that is larger around its middle."""
+    larger = mesh.copy()
+    middle = mesh.vertices.mean(axis=0)
+    larger.vertices = middle + scale * (mesh.vertices - middle)
+    return larger
 
 
-def _mesh(shape: Shape) -> Any:
-    import trimesh
-    sizes = shape.sizes
-    if shape.kind == 'mesh':
-        path = find_mesh(shape.file)
-        if path is None:
-            raise CtcError(f'{shape.file}: not found')
-        mesh: Any = trimesh.load(path, force='mesh')
-        mesh.apply_scale(sizes)
-        return mesh
-    if shape.kind == 'box':
-        return trimesh.creation.box(sizes)
-    if shape.kind == 'cylinder':
-        return trimesh.creation.cylinder(sizes[0], sizes[1], sections=24)
-    if shape.kind == 'sphere':
-        return trimesh.creation.icosphere(2, sizes[0])
-    ball = trimesh.creation.icosphere(2, sizes[6]).vertices
-    ends = [ball + end for end in (sizes[:3], sizes[3:6])]
-    return trimesh.convex.convex_hull(np.concatenate(ends))
-
-
-class Camera(NamedTuple):
-    """Where a camera is, and what it looks at, each of shape (3,) [m]."""
+class CameraPose(NamedTuple):
+    """Position and target of a camera, each of shape (3,) [m]."""
 
     position: tuple[float, ...]
     look_at: tuple[float, ...]
 
 
-def camera_of(points: Array, aspect: float = ASPECT) -> Camera:
+def fit_camera(points: Array, aspect: float = _USUAL_ASPECT) -> CameraPose:
     """
-    Return the camera that shows all of some points as large as a view allows.
+    Return the camera that shows points by (CM1).
 
     Parameters
     ----------
     points : ndarray, shape (N, 3)
-        Of the arms, where they are and where they may be [m].
+        Points of the arms [m].
     aspect : float
-        Width of the view as a part of its height.
+        Width over height of the view.
 
     """
-    (ca, sa), (ce, se) = ((cos(x), sin(x)) for x in (_AZIMUTH, _ELEVATION))
-    axes = np.array(((-sa, ca, 0.0), (-ca * se, -sa * se, ce), (ca * ce, sa * ce, se)))
-    seen = points @ axes.T
-    across, depth = seen[:, :2], seen[:, 2:]
-    # A point is seen if |across - middle| <= size (distance - depth).
-    size = _FILLS * tan(0.5 * FIELD) * np.array((aspect, 1.0))
-    least, most = (depth - across / size).max(axis=0), (depth + across / size).max(axis=0)
-    middle, distance = 0.5 * size * (most - least), float((0.5 * (most + least)).max())
-    return Camera(*(tuple((np.append(middle, x) @ axes).tolist())
-                    for x in (distance, depth.mean())))
-
-
-def outermost(vertices: Sequence[Array]) -> Array:
-    """Return those of some points that are furthest out, shape (N, 3); of none, shape (0, 3)."""
-    if not vertices:
-        return np.empty((0, 3))
-    points: Array = np.concatenate(vertices)
-    furthest: Array = points[np.unique(np.argmax(points @ _WAYS.T, axis=0))]
-    return furthest
+    seen = points @ _CAMERA_AXES.T
+    depth = seen[:, 2:]
+    # The arms fill 85 % of the width or of the height.
+    half_size = 0.85 * tan(0.5 * FIELD_OF_VIEW) * np.array((aspect, 1.0))
+    low = (depth - seen[:, :2] / half_size).max(axis=0)
+    high = (depth + seen[:, :2] / half_size).max(axis=0)
+    middle = 0.5 * half_size * (high - low)
+    distance = 0.5 * (high + low).max()
+    return CameraPose(*(
+        tuple((np.append(middle, z) @ _CAMERA_AXES).tolist()) for z in (distance, depth.mean())))
 
 
 class Cameras:
     """
-    What browsers look at.
+    Cameras of all browsers.
 
     Parameters
     ----------
-    server : ViserServer
+    viser : ViserServer
     socket : PageSocket
-        Where browsers say what shape their view has, and that their camera was moved.
+        Browsers send the shape of their view, and whether their camera was moved.
 
     """
 
-    def __init__(self, server: Any, socket: PageSocket) -> None:
-        self._server = server
-        self._shown: Array | None = None
-        self._aspect, self._moved = ASPECT, False
-        socket.on('aspect', Aspect, self._resize)
-        socket.on('moved', None, lambda _: setattr(self, '_moved', True))
+    def __init__(self, viser: Any, socket: PageSocket) -> None:
+        self._viser = viser
+        self._points: Array | None = None
+        self._aspect = _USUAL_ASPECT
+        self._moved_by_user = False
+        socket.on('aspect', Aspect, self._on_aspect)
+        socket.on('moved', None, self._on_moved)
 
-    def look(self, points: Array, again: bool = True) -> None:
-        """Show points, as `camera_of` takes them; not `again` where a camera was moved by hand."""
+    def look(self, points: Array, after_move: bool = True) -> None:
+        """
+        Show points.
+
+        Parameters
+        ----------
+        points : ndarray, shape (N, 3)
+            Points of the arms [m].
+        after_move : bool
+            False leaves a camera alone that the user has moved.
+
+        """
         if len(points):
-            self._shown, self._moved = points, self._moved and not again
+            self._points = points
+            self._moved_by_user = self._moved_by_user and not after_move
             self._show()
 
-    def _resize(self, aspect: float) -> None:
+    def _on_aspect(self, aspect: float) -> None:
         self._aspect = aspect
         self._show()
 
+    def _on_moved(self, _: None) -> None:
+        self._moved_by_user = True
+
     def _show(self) -> None:
-        if self._shown is None:
+        if self._points is None:
             return
-        camera = camera_of(self._shown, self._aspect)
-        initial = self._server.initial_camera
-        initial.fov = FIELD
-        initial.position, initial.look_at = camera
-        for client in () if self._moved else self._server.get_clients().values():
-            with suppress(Exception), client.atomic():  # Of what a browser says of its camera.
-                client.camera.position, client.camera.look_at = camera
+        pose = fit_camera(self._points, self._aspect)
+        initial = self._viser.initial_camera
+        initial.fov = FIELD_OF_VIEW
+        initial.position, initial.look_at = pose
+        if self._moved_by_user:
+            return
+        for client in self._viser.get_clients().values():
+            with suppress(Exception), client.atomic():  # Browsers may send odd cameras.
+                client.camera.position, client.camera.look_at = pose

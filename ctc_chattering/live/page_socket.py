@@ -13,166 +13,171 @@
 # limitations under the License.
 
 """
-The WebSocket between the page around viser's view and this process: samples and words.
+WebSocket between this process and our pages in browsers.
 
-Samples are binary messages, as `analysis/signals.py` packs them, whose head names their
-run (``run``) and whether they begin a new one (``fresh``). Words are JSON objects as text; each
-key is a subject of its own with its receiver.
+`server.py` hands each connection to a `PageSocket`. `Page`, `GraphPage`, `BagPage` and `Controls`
+send through it, and receive what users ask for.
+
+Samples are binary messages of `analysis.signals.packed`. Everything else is a JSON object as text.
+Each key is a subject with a receiver of its own.
 
 To the page (live/web/page.js):
 
-- ``show``: {``joints``, ``units``, ``runs``: [{``name``, ``laws``: [[time, law], ...]}, ...],
-  ``options`` of plots.js, ``time``: first and last one of bags [s], ``note``: what is drawn}; the
-  plots are made anew
-- ``mark``: time of the arm that is shown [s], of bags
-- ``silent``: for how long nothing was heard of a graph [s]; the numbers are shown anew
+- ``show``: joints, units, runs, note, time range and options of new plots
+- ``mark``: the time at which recorded arms are shown [s]
+- ``silent``: the time since the graph's last message [s], at which numbers are updated
 - ``light``, ``reports``, ``answers``: see web/status.js
-- ``controls``: what `Controls.state` returns
-- ``scene``: other arms are shown: the page answers with the shape of its view
-- ``ended``: how the graph has ended; empty while it has not
+- ``controls``: `Controls.state`
+- ``scene``: other arms are shown, and the page answers with the shape of its view
+- ``ended``: a line on the graph's end, or an empty one
 
 From the page:
 
-- what `Controls` takes, by its subjects
-- ``seek``: time to show [s]
-- ``magnify``: what errors are multiplied by where the ghost is drawn
-- ``fit``: have the cameras show the arms
-- ``aspect``: width of the view as a part of its height; ``moved``: its camera was moved by hand
+- the requests that `Controls` registers
+- ``seek``: the time to show [s]
+- ``magnify``: the factor on the error with which the ghost is drawn
+- ``fit``: cameras are to show the arms
+- ``aspect``: width over height of the view
+- ``moved``: the user moved the camera
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 import json
 from queue import Empty, SimpleQueue
-from typing import Any
+from typing import Any, TypeVar
 
 from msgspec import convert, MsgspecError, ValidationError
 from msgspec.json import decode
 
 Message = str | bytes
-#: Longest message from a page [characters].
-_LONGEST = 10_000
-#: Messages that wait for a slow page; samples beyond are not sent, and the lines have gaps.
-_WAITING = 200
-#: Reason of the end for a message that is too long, as the standard has it.
-_TOO_LONG = 1009
-
-
-class _Client:
-    """One open page."""
-
-    def __init__(self) -> None:
-        self._loop = asyncio.get_running_loop()
-        self._queue: asyncio.Queue[Iterable[Message]] = asyncio.Queue()
-
-    def put(self, messages: Iterable[Message]) -> None:
-        """Have messages sent, from any thread."""
-        with suppress(RuntimeError):  # The loop has ended.
-            self._loop.call_soon_threadsafe(self._queue.put_nowait, messages)
-
-    @property
-    def slow(self) -> bool:
-        """Whether many messages wait."""
-        return self._queue.qsize() > _WAITING
-
-    async def send_to(self, connection: Any) -> None:
-        while True:
-            for message in await self._queue.get():
-                await connection.send(message)
+Item = TypeVar('Item')
+#: Longest message that a page may send [characters].
+_MAX_LENGTH = 10_000
+#: Samples for a page are dropped while more than this waits for it [bytes]. Its lines have gaps.
+_MAX_WAITING_BYTES = 4_000_000
 
 
 class PageSocket:
     """
-    All open pages.
+    Connections of all open pages.
 
-    The server calls `serve` in its own thread. Everything else is for the thread of the page,
-    which calls `poll` now and then.
+    The server calls `serve` in its own thread. All other methods are for the thread of the page.
     """
 
     def __init__(self) -> None:
-        self._clients: set[_Client] = set()
-        self._joined: SimpleQueue[_Client] = SimpleQueue()
-        self._heard: SimpleQueue[Mapping[str, Any]] = SimpleQueue()
+        self._connections: set[Any] = set()
+        self._joined: SimpleQueue[Any] = SimpleQueue()
+        self._requests: SimpleQueue[Mapping[str, Any]] = SimpleQueue()
         self._receivers: dict[str, tuple[Any, Callable[[Any], None]]] = {}
-        #: The last words of each subject.
-        self._told: dict[str, str] = {}
+        #: The last message about each subject.
+        self._last_sent: dict[str, str] = {}
+        self._loop: Any = None
 
     @property
     def watched(self) -> bool:
-        """Whether a page is open."""
-        return bool(self._clients)
+        """Return whether a page is open."""
+        return bool(self._connections)
 
     async def serve(self, connection: Any) -> None:
-        """Serve one page until it is closed."""
+        """Serve a page until it is closed."""
         from websockets.exceptions import ConnectionClosed
-        client = _Client()
-        self._clients.add(client)
-        self._joined.put(client)
-        sender = asyncio.create_task(client.send_to(connection))
+        from websockets.frames import CloseCode
+
+        self._loop = asyncio.get_running_loop()
+        self._connections.add(connection)
+        self._joined.put(connection)
         try:
-            async for data in connection:
-                if len(data) > _LONGEST:
-                    await connection.close(_TOO_LONG, f'more than {_LONGEST} characters')
+            async for message in connection:
+                if len(message) > _MAX_LENGTH:
+                    reason = f'more than {_MAX_LENGTH} characters'
+                    await connection.close(CloseCode.MESSAGE_TOO_BIG, reason)
                     break
-                self.hear(data)
+                self.on_message(message)
         except ConnectionClosed:
             pass
         finally:
-            self._clients.discard(client)
-            sender.cancel()
-            await asyncio.gather(sender, return_exceptions=True)
+            self._connections.discard(connection)
 
-    def hear(self, data: Message) -> None:
-        """Keep a message for `poll` if it can be one of the page."""
-        with suppress(MsgspecError, RecursionError, UnicodeError):
-            self._heard.put(decode(data if isinstance(data, str) else '', type=dict[str, Any]))
+    def on_message(self, message: Message) -> None:
+        """Keep a message for `poll` if it is an object in JSON."""
+        if isinstance(message, str):
+            with suppress(MsgspecError, RecursionError, UnicodeError):
+                self._requests.put(decode(message, type=dict[str, Any]))
 
-    def on(self, subject: str, kind: Any, receive: Callable[[Any], None]) -> None:
+    def on(self, subject: str, value_type: Any, receive: Callable[[Any], None]) -> None:
         """
-        Have words of a subject received, in `poll`, if they are of a type, as msgspec has it.
+        Register the receiver of a subject.
 
-        Anybody who has the token can send them: whoever receives checks all that is no type.
+        `poll` calls it with values of `value_type`, which msgspec checks. Anybody with the token
+        can send them, so the receiver checks what a type cannot express.
         """
-        self._receivers[subject] = kind, receive
+        self._receivers[subject] = value_type, receive
 
-    def poll(self, greeting: Callable[[], Iterable[Message]]) -> None:
+    def poll(self, greet: Callable[[], Iterable[Message]]) -> None:
+        """Send new pages what `greet` returns, and pass on requests."""
+        for connection in _taken(self._joined):
+            for message in (*greet(), *self._last_sent.values()):
+                self._transmit([connection], message)
+        for request in _taken(self._requests):
+            for subject in request.keys() & self._receivers.keys():
+                value_type, receive = self._receivers[subject]
+                try:
+                    value = convert(request[subject], value_type)
+                except ValidationError:
+                    continue  # It is not one of our pages.
+                receive(value)
+
+    def send(self, **values: Any) -> None:
+        """Send values by subject to all pages, also to later ones."""
+        for subject, value in values.items():
+            message = encode_message(**{subject: value})
+            if self._last_sent.get(subject) != message:
+                self._last_sent[subject] = message
+                self.broadcast(message)
+
+    def broadcast(self, message: Message) -> None:
         """
-        Pass on what has come, and send new pages what `greeting` returns.
+        Send a message to the open pages.
 
-        What it yields, if it is a generator, it yields in the thread of the server.
+        Slow ones do not get samples.
         """
-        with suppress(Empty):
-            while True:
-                self._joined.get_nowait().put((*greeting(), *self._told.values()))
-        with suppress(Empty):
-            while True:
-                heard = self._heard.get_nowait()
-                for subject in heard.keys() & self._receivers.keys():
-                    kind, receive = self._receivers[subject]
-                    try:
-                        value = convert(heard[subject], kind)
-                    except ValidationError:
-                        continue  # Of no page of ours.
-                    receive(value)
+        self._transmit(tuple(self._connections), message, skip_slow=isinstance(message, bytes))
 
-    def tell(self, **words: Any) -> None:
-        """Send words to all pages, each by its subject, and to new ones; the same only once."""
-        for subject, value in words.items():
-            message = word(**{subject: value})
-            if self._told.get(subject) != message:
-                self._told[subject] = message
-                self.send(message)
-
-    def send(self, message: Message) -> None:
-        """Send a message to all pages."""
-        for client in tuple(self._clients):
-            if isinstance(message, str) or not client.slow:
-                client.put((message,))
+    def _transmit(
+        self, connections: Iterable[Any], message: Message, skip_slow: bool = False
+    ) -> None:
+        """Send a message in the server's thread."""
+        if self._loop is not None:
+            with suppress(RuntimeError):  # The server has stopped.
+                self._loop.call_soon_threadsafe(_write, connections, message, skip_slow)
 
 
-def word(**words: Any) -> str:
-    """Return words as a message."""
-    return json.dumps(words, allow_nan=False, separators=(',', ':'))
+def _write(connections: Iterable[Any], message: Message, skip_slow: bool) -> None:
+    """Write a message to connections, none of which waits for another."""
+    from websockets.asyncio.server import broadcast
+
+    broadcast([
+        connection
+        for connection in connections
+        if not (skip_slow and _waiting_bytes(connection) > _MAX_WAITING_BYTES)
+    ], message)
+
+
+def _waiting_bytes(connection: Any) -> int:
+    return int(connection.transport.get_write_buffer_size())
+
+
+def _taken(queue: SimpleQueue[Item]) -> Iterator[Item]:
+    """Yield the items that wait in a queue."""
+    with suppress(Empty):
+        while True:
+            yield queue.get_nowait()
+
+
+def encode_message(**values: Any) -> str:
+    """Return values by subject as a message."""
+    return json.dumps(values, allow_nan=False, separators=(',', ':'))

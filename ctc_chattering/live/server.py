@@ -13,11 +13,14 @@
 # limitations under the License.
 
 """
-viser's server behind checks of every request, of every handshake and of every message.
+The page's server: viser behind a check of every request and message.
 
-Whoever has the page's token may open it, under an address of its own (`Access`). At ``/`` is a
-page of ours, which frames the scene that viser serves below ``/view/``; ``/samples`` is our
-WebSocket.
+`Page` starts it with `serve`. At ``/`` is our page, which frames the scene that viser serves
+below ``/view/``. At ``/samples`` is our WebSocket. `Access` decides who may open them.
+
+viser 1.1 has no hook before its handlers: it passes its own ``process_request`` to
+`websockets.asyncio.server.serve`. `_guarded` therefore wraps this function while viser starts, and
+`_check_closed` proves afterwards that the gate is in force.
 """
 
 from __future__ import annotations
@@ -32,14 +35,13 @@ from http import HTTPStatus
 from http.client import HTTPConnection, HTTPException
 from io import StringIO
 from ipaddress import ip_address
-from itertools import chain
 from math import isfinite
 from pathlib import Path
 from secrets import token_urlsafe
 import socket
 import tempfile
 import time
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import parse_qsl
 import webbrowser
 
@@ -50,36 +52,43 @@ from ctc_chattering.numerics.leaky_bucket import LeakyBucket
 from msgspec import Struct
 from msgspec.msgpack import decode
 from msgspec.structs import astuple
+import numpy as np
 
-#: Where the page is by default, and how many ports after it are tried.
-HOST, PORT, _TRIED = '127.0.0.1', 8080, 50
-#: Patience of the check at the start [s].
-_PATIENCE = 10.0
-#: Where viser's page is, and our WebSocket.
-_VIEW, _SAMPLES = '/view/', '/samples'
-#: What a browser opens that must not have the address among its arguments.
-_LEADS = ('<!DOCTYPE html><meta charset="utf-8">'
-          '<meta http-equiv="refresh" content="0; url={{ url }}">')
-#: Addresses that stand for all of this machine.
-_ALL = ('', '0.0.0.0', '::')
-#: For every answer: no page of others frames this one, and its address is told to nobody.
+#: Address and first port by default.
+HOST = '127.0.0.1'
+FIRST_PORT = 8080
+_PORTS_TRIED = 50
+#: Paths of viser's page and of our WebSocket.
+_VIEW_PATH = '/view/'
+_SAMPLES_PATH = '/samples'
+#: Addresses that stand for all of this machine, with one that reaches it.
+_ALL_ADDRESSES = {'': '127.0.0.1', '0.0.0.0': '127.0.0.1', '::': '::1'}
+#: Headers of every answer. No other page frames ours, and its address is told to nobody.
 HEADERS = {
-    'Cache-Control': 'no-store', 'Referrer-Policy': 'no-referrer',
+    'Cache-Control': 'no-store',
+    'Referrer-Policy': 'no-referrer',
     'Content-Security-Policy': "frame-ancestors 'none'; frame-src 'self'; object-src 'none'; "
                                "base-uri 'none'; form-action 'none'"}
-#: For viser's view: our page alone frames it, and it frames nothing.
+#: Headers of viser's view. Our page alone frames it, and it frames nothing.
 VIEW_HEADERS = {**HEADERS, 'Content-Security-Policy': HEADERS['Content-Security-Policy'].replace(
     "frame-ancestors 'none'; frame-src 'self'", "frame-ancestors 'self'; frame-src 'none'")}
+#: Messages a second that are taken of a page in the long run. A moved slider or camera sends
+#: fewer. Others wait in the browser.
+MESSAGE_RATE_HZ = 100.0
+#: Messages that are taken of a page at once.
+MESSAGE_BURST = 100.0
 
 
 class Access:
     """
-    The rule by which a request is answered.
+    Rule by which a request is answered.
 
-    The browser sends the token of the printed address once, and then the cookie that it gets for
-    it, with the handshake of the WebSocket, too. A browser sends cookies to all ports of a host,
-    and pages of others can make it send requests: therefore `Origin` must be this page's. A name
-    of somebody else's may stand for this machine's address: therefore `Host` must be this page's.
+    The browser sends the token of the printed address once. From then on it sends the cookie that
+    it gets for it, with handshakes of WebSockets also.
+
+    A browser sends cookies to all ports of a host, and other pages can make it send requests.
+    Therefore `Origin` must be this page. Another name may stand for this machine's address.
+    Therefore `Host` must be this page.
 
     Parameters
     ----------
@@ -90,123 +99,143 @@ class Access:
     Attributes
     ----------
     url : str
-        What to open, with the token.
+        Address to open, with the token.
     cookie : str
-        What a browser keeps that has opened it: for this port alone, until it is closed.
+        Cookie for this port alone, until the browser is closed.
 
     """
 
     def __init__(self, host: str, port: int) -> None:
         self._token = token_urlsafe(32)
         self._port = port
-        self._all = host in _ALL
-        own = socket.gethostname() if self._all else _bracketed(host)
-        self._names = {'localhost', '127.0.0.1', '[::1]', own.lower()}
-        self._name = f'ctc_live_{port}'
-        self.url = f'http://{own}:{port}/?token={self._token}'
-        self.cookie = f'{self._name}={self._token}; Path=/; HttpOnly; SameSite=Strict'
+        self._on_all_addresses = host in _ALL_ADDRESSES
+        name = socket.gethostname() if self._on_all_addresses else _bracketed(host)
+        self._names = {'localhost', '127.0.0.1', '[::1]', name.lower()}
+        self._cookie_name = f'ctc_live_{port}'
+        self.url = f'http://{name}:{port}/?token={self._token}'
+        self.cookie = f'{self._cookie_name}={self._token}; Path=/; HttpOnly; SameSite=Strict'
 
-    def refusal(self, path: str, headers: Any, reached: str) -> str:
+    def refusal(self, path: str, headers: Any, local_address: str) -> str:
         """
-        Return why a request is not answered, in one line; empty if it is.
+        Return the reason to refuse a request, or an empty text.
 
         Parameters
         ----------
         path : str
-            With its query.
+            Path with the query.
         headers : Headers
-            Of websockets: several of one name are several.
-        reached : str
-            Address of this machine that the request came to.
+            Headers as websockets has them. One name may have several values.
+        local_address : str
+            This machine's address that the request came to.
 
         """
-        host, origin, cookies = (headers.get_all(x) for x in ('Host', 'Origin', 'Cookie'))
-        if len(host) != 1 or host[0].lower() not in self._hosts(reached):
-            return 'Host is not an address of this page'
-        if [x for x in origin if x.lower() != f'http://{host[0].lower()}']:
-            return 'Origin is another page'
+        hosts, origins, cookies = map(headers.get_all, ('Host', 'Origin', 'Cookie'))
+        if len(hosts) != 1 or hosts[0].lower() not in self._allowed_hosts(local_address):
+            return 'the Host header is not an address of this page'
+        page = f'http://{hosts[0].lower()}'
+        if any(origin.lower() != page for origin in origins):
+            return 'the Origin header is another page'
         query = parse_qsl(path.partition('?')[2], keep_blank_values=True)
-        # Others are for the client of viser: `websocket` would connect the page to another server.
-        if [x for x in query if x[0] != 'token' and x != ('darkMode', '')]:
+        # viser's client takes others: `websocket` would connect the page to another server.
+        if any(name != 'token' and (name, value) != ('darkMode', '') for name, value in query):
             return 'the address takes no more than the token'
-        given = [value for name, value in query if name == 'token'] + [
-            value for line in cookies for word in line.split(';')
-            for name, _, value in [word.strip().partition('=')] if name == self._name]
-        if not any(map(self._is_token, given)):
-            return 'open the address with the token that ctc live has printed'
+        tokens = [value for name, value in query if name == 'token']
+        if not any(map(self._is_token, [*tokens, *self._cookie_values(cookies)])):
+            return 'the token is missing: open the address that ctc live has printed'
         return ''
 
-    def _hosts(self, reached: str) -> set[str]:
-        """Return what `Host` may be, for a request that came to an address of this machine."""
-        names = self._names | ({_bracketed(_plain(reached))} if self._all else set())
-        return {f'{name}:{self._port}' for name in names} | (names if self._port == 80 else set())
+    def _cookie_values(self, headers: list[str]) -> Iterator[str]:
+        """Yield the values of our cookie."""
+        for cookie in ';'.join(headers).split(';'):
+            name, _, value = cookie.strip().partition('=')
+            if name == self._cookie_name:
+                yield value
+
+    def _allowed_hosts(self, local_address: str) -> set[str]:
+        """Return the values that `Host` may have."""
+        names = set(self._names)
+        if self._on_all_addresses:
+            # IPv6 sockets write IPv4 addresses with a prefix.
+            address = local_address.lower().removeprefix('::ffff:').partition('%')[0]
+            names.add(_bracketed(address))
+        hosts = {f'{name}:{self._port}' for name in names}
+        return hosts | names if self._port == 80 else hosts
 
     def _is_token(self, text: str) -> bool:
         return compare_digest(text.encode(errors='replace'), self._token.encode())
 
 
-#: Messages per second that are taken of a page in the long run: more than a slider or a camera
-#: that is moved sends. Others wait in the browser.
-RATE = 100.0
-#: Messages that are taken of a page at once.
-BURST = 100.0
+def limit_rate(receive: Callable[[], Awaitable[Any]]) -> Callable[[], Awaitable[Any]]:
+    """Return a receiver that takes no more than a page sends."""
+    bucket = LeakyBucket(MESSAGE_RATE_HZ, MESSAGE_BURST)
+
+    async def receive_in_time() -> Any:
+        message = await receive()
+        await asyncio.sleep(bucket.fill(1.0, time.monotonic()) / MESSAGE_RATE_HZ)
+        return message
+    return receive_in_time
 
 
-def paced(receive: Callable[[], Awaitable[Any]]) -> Callable[[], Awaitable[Any]]:
-    """Return a function that receives messages, but no more of them than a page sends."""
-    bucket = LeakyBucket(RATE, BURST)
+class _RequestGate:
+    """
+    Checks access before viser handles a request or connection.
 
-    async def received() -> Any:
-        data = await receive()
-        await asyncio.sleep(bucket.fill(1.0, time.monotonic()) / RATE)
-        return data
-    return received
+    Parameters
+    ----------
+    access : Access
+    page : str
+        HTML of our page.
+    samples : PageSocket
+        Server of our WebSocket.
 
-
-class _Front:
-    """Stands before viser's handlers of requests and of connections."""
+    """
 
     def __init__(self, access: Access, page: str, samples: PageSocket) -> None:
-        self._access, self._page, self._samples = access, page, samples
+        self._access = access
+        self._page = page
+        self._samples = samples
 
-    def request(self, answer: Any, connection: Any, request: Any) -> Any:
-        """Refuse a request, or answer it as viser does or with our page; None for a handshake."""
-        reason = self._access.refusal(request.path, request.headers, connection.local_address[0])
-        view = request.path.startswith(_VIEW)
+    def process_request(self, viser_response: Any, connection: Any, request: Any) -> Any:
+        """Return the answer to a request, or None for a handshake."""
+        address = connection.local_address[0]
+        reason = self._access.refusal(request.path, request.headers, address)
+        is_view = request.path.startswith(_VIEW_PATH)
         if reason:
             response = connection.respond(HTTPStatus.FORBIDDEN, f'ctc live: {reason}\n')
-        elif 'Upgrade' in request.headers or view:
-            request.path = request.path.replace(_VIEW, '/', int(view))
-            response = answer(connection, request)
+        elif is_view or 'Upgrade' in request.headers:
+            if is_view:
+                request.path = request.path.replace(_VIEW_PATH, '/', 1)
+            response = viser_response(connection, request)
         elif _path(request) == '/':
             response = connection.respond(HTTPStatus.OK, self._page)
             del response.headers['Content-Type']
             response.headers['Content-Type'] = 'text/html; charset=utf-8'
         else:
-            response = connection.respond(HTTPStatus.NOT_FOUND, 'ctc live: no such page\n')
+            response = connection.respond(
+                HTTPStatus.NOT_FOUND, 'ctc live: there is no page at this address\n')
         if response is not None:
             if not reason:
                 response.headers['Set-Cookie'] = self._access.cookie
-            response.headers.update(VIEW_HEADERS if view else HEADERS)
+            response.headers.update(VIEW_HEADERS if is_view else HEADERS)
         return response
 
-    async def connection(self, handle: Any, connection: Any) -> None:
-        """Serve a connection to us, or have viser serve one that only says where its camera is."""
-        receive = connection.recv = paced(connection.recv)
-        if _path(connection.request) == _SAMPLES:
+    async def handle_connection(self, viser_handler: Any, connection: Any) -> None:
+        """Serve our WebSocket, or let viser serve one that only sends cameras."""
+        receive = connection.recv = limit_rate(connection.recv)
+        if _path(connection.request) == _SAMPLES_PATH:
             await self._samples.serve(connection)
             return
 
-        async def camera() -> Any:
-            while not is_camera(data := await receive()):
+        async def receive_camera() -> Any:
+            while not is_camera(message := await receive()):
                 pass
-            return data
-        connection.recv = camera
-        await handle(connection)
+            return message
+        connection.recv = receive_camera
+        await viser_handler(connection)
 
 
 class CameraMessage(Struct, tag='ViewerCameraMessage', forbid_unknown_fields=True):
-    """All that a browser may say to viser: where its camera is."""
+    """Pose of a browser's camera, the only message to viser."""
 
     wxyz: tuple[float, float, float, float]
     position: tuple[float, float, float]
@@ -219,12 +248,10 @@ class CameraMessage(Struct, tag='ViewerCameraMessage', forbid_unknown_fields=Tru
     image_width: float
 
 
-def is_camera(data: Any) -> bool:
-    """Return whether a message of a browser is a `CameraMessage` of finite numbers."""
-    with suppress(Exception):  # Of arbitrary bytes.
-        parts = astuple(decode(data, type=CameraMessage))
-        return all(map(isfinite, chain.from_iterable(
-            x if isinstance(x, tuple) else (x,) for x in parts)))
+def is_camera(message: Any) -> bool:
+    """Return whether a browser's message is a `CameraMessage` of finite numbers."""
+    with suppress(Exception):  # The bytes are arbitrary.
+        return all(map(isfinite, np.hstack(astuple(decode(message, type=CameraMessage)))))
     return False
 
 
@@ -232,63 +259,71 @@ def _path(request: Any) -> str:
     return str(request.path.partition('?')[0])
 
 
-def serve(viser: Any, host: str, port: int, page: str, samples: PageSocket) -> tuple[Any, str]:
+class PageServer(NamedTuple):
+    """A running ViserServer and the address to open."""
+
+    viser: Any
+    url: str
+
+    def stop(self) -> None:
+        """Stop serving."""
+        with suppress(RuntimeError), redirect_stdout(StringIO()):
+            self.viser.stop()
+
+
+def serve(viser: Any, host: str, port: int, page: str, samples: PageSocket) -> PageServer:
     """
-    Start viser's server.
+    Start viser's server behind the gate.
 
     Parameters
     ----------
     viser : module
-        Of the library.
+        The library.
     host : str
         Address to listen on.
     port : int
         A free port.
     page : str
-        HTML of the page around its scene.
+        HTML of the page around viser's scene.
     samples : PageSocket
-        Who serves our WebSocket.
-
-    Returns
-    -------
-    (ViserServer, str)
-        The server, and the address to open.
+        Server of our WebSocket.
 
     Raises
     ------
     CtcError
-        If the requests of this viser cannot be checked, or the port is taken.
+        If this viser's requests cannot be checked, or the port is taken.
 
     """
     access = Access(host, port)
-    with _behind(_Front(access, page, samples)), redirect_stdout(StringIO()):  # It prints.
-        server = viser.ViserServer(host, port, verbose=False)
+    gate = _RequestGate(access, page, samples)
+    with _guarded(gate), redirect_stdout(StringIO()):  # It prints.
+        server = PageServer(viser.ViserServer(host, port, verbose=False), access.url)
     try:
-        if server.get_port() != port:
-            raise CtcError(f'{host}, port {port}: taken; --port N takes another one')
+        if server.viser.get_port() != port:
+            raise CtcError(f'{host}, port {port}: another program uses the port. Choose another '
+                           'one with --port N.')
         _check_closed(host, port)
     except CtcError:
-        stop(server)
-        raise
-    return server, access.url
-
-
-def stop(server: Any) -> None:
-    """Stop serving."""
-    with suppress(RuntimeError), redirect_stdout(StringIO()):
         server.stop()
+        raise
+    return server
 
 
 @contextmanager
-def _behind(front: _Front) -> Iterator[None]:
-    """Put a front before what viser starts meanwhile: it has no argument for one."""
+def _guarded(gate: _RequestGate) -> Iterator[None]:
+    """Put a gate before the servers that viser starts meanwhile."""
     from websockets.asyncio import server as library
     start = library.serve
 
-    def guarded(handle: Any, *arguments: Any, process_request: Any = None, **options: Any) -> Any:
-        return start(partial(front.connection, handle), *arguments,
-                     process_request=partial(front.request, process_request), **options)
-    setattr(library, 'serve', guarded)  # noqa: B010
+    def start_guarded(
+        handler: Any, *arguments: Any, process_request: Any = None, **options: Any
+    ) -> Any:
+        return start(
+            partial(gate.handle_connection, handler),
+            *arguments,
+            process_request=partial(gate.process_request, process_request),
+            **options)
+    setattr(library, 'serve', start_guarded)  # noqa: B010
     try:
         yield
     finally:
@@ -296,24 +331,26 @@ def _behind(front: _Front) -> Iterator[None]:
 
 
 def _check_closed(host: str, port: int) -> None:
-    """Raise unless requests without the token are refused, for the page and for a WebSocket."""
-    handshake = {'Upgrade': 'websocket', 'Connection': 'Upgrade', 'Sec-WebSocket-Version': '13',
-                 'Sec-WebSocket-Key': 'AAAAAAAAAAAAAAAAAAAAAA=='}
-    address = {'0.0.0.0': '127.0.0.1', '': '127.0.0.1', '::': '::1'}.get(host, host)
+    """Raise unless page and WebSocket are refused without the token."""
+    handshake = {
+        'Upgrade': 'websocket',
+        'Connection': 'Upgrade',
+        'Sec-WebSocket-Version': '13',
+        'Sec-WebSocket-Key': 'AAAAAAAAAAAAAAAAAAAAAA=='}
     for headers in ({}, handshake):
-        asked = HTTPConnection(address, port, timeout=_PATIENCE)
+        connection = HTTPConnection(_ALL_ADDRESSES.get(host, host), port, timeout=10.0)
         try:
-            asked.request('GET', '/', headers=headers)
-            status = asked.getresponse().status
+            connection.request('GET', '/', headers=headers)
+            status = connection.getresponse().status
         except (OSError, HTTPException) as error:
             raise CtcError(f'{host}, port {port}: {error}') from None
         finally:
-            asked.close()
+            connection.close()
         if status != HTTPStatus.FORBIDDEN:
             import viser
             raise CtcError(
-                f'the requests of viser {viser.__version__} cannot be checked (status {status} '
-                'without the token), and the page is not served to everyone: '
+                f'access to viser {viser.__version__} cannot be checked (status {status} without '
+                'the token), so the page is not served. Install a version that can be checked: '
                 "pip install 'viser>=1.1,<1.2'")
 
 
@@ -324,66 +361,67 @@ def free_port(host: str, port: int | None) -> int:
     Raises
     ------
     CtcError
-        If the port asked for is taken, or none is free; with the reason.
+        If the chosen port is taken, or none is free.
 
     """
-    for number in [port] if port is not None else range(PORT, PORT + _TRIED):
-        with socket.socket(socket.AF_INET6 if ':' in host else socket.AF_INET) as it:
-            it.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    family = socket.AF_INET6 if ':' in host else socket.AF_INET
+    last_port = FIRST_PORT + _PORTS_TRIED - 1
+    for number in range(FIRST_PORT, last_port + 1) if port is None else [port]:
+        with socket.socket(family) as listener:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
-                it.bind((host, number))
-                return int(it.getsockname()[1])
-            except (OSError, TypeError, ValueError) as error:  # The latter of odd names.
+                listener.bind((host, number))
+                return int(listener.getsockname()[1])
+            except (OSError, TypeError, ValueError) as error:  # Odd names raise the latter two.
                 reason = getattr(error, 'strerror', None) or str(error)
-                if getattr(error, 'errno', errno.EADDRNOTAVAIL) in (
-                        errno.EADDRNOTAVAIL, socket.EAI_NONAME):
-                    break
-    raise CtcError(f'{host}, port {port or f"{PORT} to {PORT + _TRIED - 1}"}: {reason}; '
-                   '--port N takes another one')
+                if getattr(error, 'errno', None) not in (errno.EADDRINUSE, errno.EACCES):
+                    break  # No port of this address is better.
+    ports = f'{FIRST_PORT} to {last_port}' if port is None else str(port)
+    raise CtcError(f'{host}, port {ports}: {reason}. Choose another one with --port N.')
 
 
 def is_local(host: str) -> bool:
     """Return whether only this machine reaches an address."""
-    with suppress(ValueError):  # A name, that stands for any address.
+    with suppress(ValueError):  # It is a name, which may stand for any address.
         return ip_address(host).is_loopback
     return host == 'localhost'
 
 
 def _bracketed(host: str) -> str:
+    """Return an address as URLs have it."""
     return f'[{host}]' if ':' in host else host
 
 
-def _plain(address: str) -> str:
-    """Return an address of IPv4 that comes as one of IPv6 as it is written in a URL."""
-    return address.lower().removeprefix('::ffff:').partition('%')[0]
-
-
-def warning_of(host: str) -> str:
-    """Return what it means to listen on an address; empty for this machine's own."""
+def exposure_warning(host: str) -> str:
+    """Return a warning if other machines reach an address."""
     if is_local(host):
         return ''
-    return (f'listening on {host}: everyone who has the address with its token, which the network '
-            'carries without encryption, sees the page and, unless --read-only is given, can '
-            'change the law and stop the torques')
+    return (f'the page listens on {host}. The network carries its address with the token without '
+            'encryption. Everyone who has it sees the page and, unless --read-only is given, can '
+            'change the law and stop the torques.')
 
 
 @contextmanager
-def opened(url: str) -> Iterator[bool]:
+def open_browser(url: str) -> Iterator[bool]:
     """
-    Open an address in a browser with a window of its own; yield whether there is one.
+    Open an address in a browser that has a window.
 
-    The browser is given a file that leads to the address: other users of this machine can read
+    Yields whether there is one.
+
+    The browser is given a file that leads to the address. Other users of this machine can read
     the arguments of its process, but not the file, which is removed at the end.
     """
     try:
         browser = webbrowser.get()
     except webbrowser.Error:
         browser = None
-    # The browsers of this class take the terminal.
+    # Browsers of this class take the terminal.
     if browser is None or type(browser) is webbrowser.GenericBrowser:
         yield False
         return
+    redirect = ('<!DOCTYPE html><meta charset="utf-8">'
+                '<meta http-equiv="refresh" content="0; url={{ url }}">')
     with tempfile.TemporaryDirectory(prefix='ctc_live_') as folder:
         page = Path(folder) / 'page.html'
-        page.write_text(str(fragment(_LEADS, url=url)), encoding='utf-8')
+        page.write_text(str(fragment(redirect, url=url)), encoding='utf-8')
         yield browser.open(page.as_uri())

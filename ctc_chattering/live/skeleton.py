@@ -13,20 +13,24 @@
 # limitations under the License.
 
 """
-Shapes of an arm to draw, fixed to the links whose poses `ForwardKinematics` has.
+Shapes of an arm to draw, fixed to its links.
 
-The live page and the exported page draw them. Input is a configuration and the text of a URDF.
+`ForwardKinematics` has the poses of the links.
+
+The live page draws their meshes (`body_meshes`), the exported page their capsules (`as_json`).
+Input is a configuration and the text of a URDF.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 import dataclasses
 from math import hypot
-from typing import Any
+from typing import Any, NamedTuple
 import xml.etree.ElementTree as ET
 
-from ctc_chattering.configuration.package_share import config_directory
+from ctc_chattering.configuration.package_share import config_directory, find_mesh
 from ctc_chattering.dynamics.description_xml import parse_description
 from ctc_chattering.dynamics.kinematics import ForwardKinematics, LinkFrame, origin_pose
 from ctc_chattering.dynamics.registry import locked_positions, RobotConfig
@@ -43,40 +47,16 @@ _SHORTEST_M = 1e-3
 #: Distance of arms side by side, over their reach.
 _DISTANCE_RATIO = 1.2
 #: Longer capsules and arms are not drawn [m].
-LONGEST = 1e6
-#: Numbers of a shape: attributes with their counts.
-_SIZES = {
-    'mesh': (('scale', 3),),
-    'box': (('size', 3),),
-    'sphere': (('radius', 1),),
-    'cylinder': (('radius', 1), ('length', 1)),
-}
-_DEFAULT_SIZES = {'scale': '1 1 1'}
+LONGEST_M = 1e6
+#: Larger meshes are not drawn.
+_MAX_TRIANGLES = 200_000
 
 
-@dataclasses.dataclass(frozen=True)
-class Shape:
-    """
-    Something to draw, fixed to a body.
+class Capsule(NamedTuple):
+    """A line from a body's origin to `end` [m], with a radius [m]."""
 
-    Attributes
-    ----------
-    kind : str
-        ``capsule``, ``mesh``, ``box``, ``cylinder`` or ``sphere``; or ``unreadable``.
-    sizes : tuple of float
-        Capsule: its ends, six numbers, and its radius [m]. Mesh: scale along x, y and z. Box: its
-        edges [m]; cylinder: radius and length [m]; sphere: radius [m].
-    pose : ndarray, shape (4, 4)
-        In the frame of the body.
-    file : str
-        Where a mesh is, as the description says.
-
-    """
-
-    kind: str
-    sizes: tuple[float, ...]
-    pose: Array
-    file: str = ''
+    end: tuple[float, ...]
+    radius: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,17 +68,20 @@ class Body:
     ----------
     frame : LinkFrame
         The link's frame.
-    visual, collision : tuple of Shape
-        The description's shapes.
-    capsules : tuple of Shape
+    link : Element
+        The link in the URDF, with its visual and collision shapes.
+    capsules : tuple of Capsule
         Lines to the bodies it carries, or to its end.
 
     """
 
     frame: LinkFrame
-    visual: tuple[Shape, ...]
-    collision: tuple[Shape, ...]
-    capsules: tuple[Shape, ...]
+    link: ET.Element
+    capsules: tuple[Capsule, ...]
+
+    def has(self, tag: str) -> bool:
+        """Return whether it has shapes with a tag, ``visual`` or ``collision``."""
+        return self.link.find(f'{tag}/geometry/*') is not None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,8 +94,6 @@ class Skeleton:
     kinematics : ForwardKinematics
         Frames of the bodies.
     bodies : tuple of Body
-    n : int
-        Number of joints of the model.
     reach : float
         Sum of the distances between the joints along the longest chain, and that of the last two
         again [m].
@@ -121,28 +102,23 @@ class Skeleton:
 
     kinematics: ForwardKinematics
     bodies: tuple[Body, ...]
-    n: int
     reach: float
 
     def poses(self, q: Sequence[float] | Array) -> Array:
-        """Return the pose of every body in the frame of the root, shape (bodies, 4, 4)."""
+        """Return the poses of the bodies, shape (bodies, 4, 4)."""
         return self.kinematics.poses(q)
-
-    def tips(self, q: Sequence[float] | Array) -> Array:
-        """Return the origins of the bodies in the frame of the root, shape (bodies, 3) [m]."""
-        return self.poses(q)[:, :3, 3]
 
 
 def skeleton_of(config: RobotConfig, description: str = '') -> Skeleton | None:
     """
-    Return the bodies of the arm that a configuration names; None if its shape is not known.
+    Return the arm of a configuration, or None if its shape is not known.
 
     Parameters
     ----------
     config : RobotConfig
         Model, joints and locked positions.
     description : str
-        Text of the URDF; may be empty for the paper's arm.
+        Text of the URDF. It may be empty for the paper's arm.
 
     """
     if config.model == 'two_link':
@@ -185,8 +161,8 @@ def urdf_skeleton(
     tree = Tree(urdf)
     kinematics = ForwardKinematics(tree, joint_names, locked)
     reach = _reach(kinematics.frames)
-    if not reach < LONGEST:
-        raise CtcError(f'an arm of {reach:g} m; drawn are those of less than {LONGEST:g} m')
+    if not reach < LONGEST_M:
+        raise CtcError(f'an arm of {reach:g} m; drawn are those of less than {LONGEST_M:g} m')
     ends: list[list[Array]] = [[] for _ in kinematics.frames]
     for frame in kinematics.frames[1:]:
         ends[frame.parent].append(frame.origin[:3, 3])
@@ -194,8 +170,8 @@ def urdf_skeleton(
     for frame, link_ends in zip(kinematics.frames, ends):
         link = tree.links[frame.link]
         capsules = _capsules(link_ends, tree.inertials[frame.link], _RADIUS_RATIO * reach)
-        bodies.append(Body(frame, _shapes(link, 'visual'), _shapes(link, 'collision'), capsules))
-    return Skeleton(kinematics, tuple(bodies), len(joint_names), reach)
+        bodies.append(Body(frame, link, capsules))
+    return Skeleton(kinematics, tuple(bodies), reach)
 
 
 def _reach(frames: Sequence[LinkFrame]) -> float:
@@ -211,56 +187,111 @@ def _reach(frames: Sequence[LinkFrame]) -> float:
 
 def _capsules(
     ends: Sequence[Array], inertial: Inertial | None, radius: float
-) -> tuple[Shape, ...]:
-    """Return lines from the origin of a link to the joints on it, or to its end."""
+) -> tuple[Capsule, ...]:
+    """Return lines from a link's origin to its joints or its end."""
     if not ends and inertial is not None:
         ends = [2.0 * np.array(inertial.origin.xyz)]
     return tuple(
-        Shape('capsule', (0.0, 0.0, 0.0, *map(float, end), radius), np.eye(4))
+        Capsule(tuple(map(float, end)), radius)
         for end in ends
-        if radius and _SHORTEST_M < hypot(*end) < LONGEST
+        if radius and _SHORTEST_M < hypot(*end) < LONGEST_M
     )
 
 
-def _shapes(link: ET.Element, tag: str) -> tuple[Shape, ...]:
-    """Return the shapes of a link, ``unreadable`` in the place of those without numbers."""
-    shapes: list[Shape] = []
-    for element in link.findall(tag):
-        try:
-            shapes += list(_readable_shapes(element))
-        except CtcError:
-            shapes.append(Shape('unreadable', (), np.eye(4)))
-    return tuple(shapes)
+def body_meshes(skeleton: Skeleton) -> list[list[Any]]:
+    """
+    Return the meshes of each body in its frame.
+
+    A body has its visual shapes. If one of them cannot be read, it has its collision shapes, and
+    then its capsules. An arm without any shapes has capsules.
+    """
+    is_bare = not any(body.has('visual') or body.has('collision') for body in skeleton.bodies)
+    return [_readable_meshes(body, is_bare) for body in skeleton.bodies]
 
 
-def _readable_shapes(element: ET.Element) -> Iterator[Shape]:
-    """Yield the shapes of a visual or collision element. Raise `CtcError` for no numbers."""
-    pose = origin_pose(parse_origin(element.tag, element))
-    for shape in element.findall('geometry/*'):
-        sizes: list[float] = []
-        for key, count in _SIZES.get(shape.tag, ()):
-            text = shape.get(key, _DEFAULT_SIZES.get(key, ''))
-            sizes += parse_numbers(shape.tag, key, text, count)
-        if sizes:
-            yield Shape(shape.tag, tuple(sizes), pose, shape.get('filename', ''))
+def _readable_meshes(body: Body, is_bare: bool) -> list[Any]:
+    """Return the first meshes that can be read."""
+    tags = [tag for tag in ('visual', 'collision') if body.has(tag)]
+    for tag in tags:
+        meshes = [
+            read_mesh(shape, element)
+            for element in body.link.findall(tag)
+            for shape in element.findall('geometry/*')]
+        if all(mesh is not None for mesh in meshes):
+            return meshes
+    return [_capsule_mesh(capsule) for capsule in body.capsules] if tags or is_bare else []
+
+
+def read_mesh(shape: ET.Element, element: ET.Element) -> Any:
+    """
+    Return the mesh of a shape in its body's frame.
+
+    A shape that cannot be read gives None.
+
+    Parameters
+    ----------
+    shape : Element
+        A mesh, box, cylinder or sphere.
+    element : Element
+        The visual or collision element around it, with its origin.
+
+    """
+    with suppress(Exception):  # Of arbitrary files, readers raise arbitrary exceptions.
+        mesh = _make_mesh(shape)
+        if 0 < len(mesh.faces) <= _MAX_TRIANGLES:
+            mesh.apply_transform(origin_pose(parse_origin(element.tag, element)))
+            if np.abs(mesh.vertices).max() < LONGEST_M:
+                return mesh
+    return None
+
+
+def _make_mesh(shape: ET.Element) -> Any:
+    """Return the mesh of a shape in its own frame."""
+    import trimesh
+
+    def numbers(key: str, count: int = 1) -> list[float]:
+        return parse_numbers(shape.tag, key, shape.get(key, ''), count)
+
+    if shape.tag == 'box':
+        return trimesh.creation.box(numbers('size', 3))
+    if shape.tag == 'cylinder':
+        return trimesh.creation.cylinder(*numbers('radius'), *numbers('length'), sections=24)
+    if shape.tag == 'sphere':
+        return trimesh.creation.icosphere(2, *numbers('radius'))
+    path = find_mesh(shape.get('filename', ''))
+    if path is None:
+        raise CtcError(f'{shape.get("filename")}: not found')
+    mesh: Any = trimesh.load(path, force='mesh')
+    if 'scale' in shape.attrib:
+        mesh.apply_scale(numbers('scale', 3))
+    return mesh
+
+
+def _capsule_mesh(capsule: Capsule) -> Any:
+    import trimesh
+
+    ball = trimesh.creation.icosphere(2, capsule.radius).vertices
+    return trimesh.convex.convex_hull(np.concatenate((ball, ball + capsule.end)))
 
 
 def quaternion(matrix: Array) -> Array:
-    """Return the quaternion w, x, y, z of a rotation matrix of shape (3, 3)."""
+    """Return the quaternion w, x, y, z of a rotation matrix."""
     return np.roll(Rotation.from_matrix(matrix).as_quat(), 1)
 
 
-def places(count: int, reach: float) -> list[tuple[float, float, float]]:
+def root_positions(count: int, reach: float) -> list[tuple[float, float, float]]:
     """Return the roots of `count` arms side by side [m]."""
     return [(_DISTANCE_RATIO * reach * (i - 0.5 * (count - 1)), 0.0, 0.0) for i in range(count)]
 
 
 def stage(skeletons: Iterable[Skeleton | None]) -> tuple[float, float]:
-    """Return the reach of the largest arm and the height of the floor: hanging arms need room."""
+    """Return the reach of the largest arm and the floor's height [m]."""
     drawn = [x for x in skeletons if x is not None]
     reach = max((x.reach for x in drawn), default=1.0)
-    lowest = min((x.tips([0.0] * x.n)[:, 2].min() for x in drawn), default=0.0)
-    return reach, -reach if lowest < -0.1 * reach else 0.0
+    heights = [x.poses(np.zeros(x.kinematics.n))[:, 2, 3].min() for x in drawn]
+    # Hanging arms need room.
+    is_hanging = min(heights, default=0.0) < -0.1 * reach
+    return reach, -reach if is_hanging else 0.0
 
 
 def as_json(skeleton: Skeleton) -> list[dict[str, Any]]:
@@ -270,13 +301,12 @@ def as_json(skeleton: Skeleton) -> list[dict[str, Any]]:
 
 def _body_json(body: Body) -> dict[str, Any]:
     frame = body.frame
-    fields: dict[str, Any] = {
+    joint = frame.joint
+    return {
         'parent': frame.parent,
-        'origin': np.round(frame.origin, 9).ravel().tolist(),
+        # DOMMatrix has its numbers column by column.
+        'origin': np.round(frame.origin.T, 9).ravel().tolist(),
         'joint': frame.joint_index,
-        'capsules': [np.round(x.sizes, 6).tolist() for x in body.capsules],
-    }
-    if frame.joint is not None:
-        fields['kind'] = 'prismatic' if frame.joint.prismatic else 'revolute'
-        fields['axis'] = frame.joint.axis
-    return fields
+        'kind': 'prismatic' if joint and joint.prismatic else 'revolute',
+        'axis': joint.axis if joint else (0.0, 0.0, 1.0),
+        'capsules': [np.round((*x.end, x.radius), 6).tolist() for x in body.capsules]}

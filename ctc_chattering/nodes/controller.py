@@ -132,7 +132,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         if step is not None and not all(code.compiled for code in step.codes):
             self.get_logger().info(f'law {self.config.law}: {HOW_TO_COMPILE}')
         if missing := missing_limits(self.config, law.model.effort_limits):
-            self.get_logger().warning(f'{missing}: set them to the limits of the drives')
+            self.get_logger().warning(f'{missing}; set it to the limits of the drives')
         if description:
             self._described = self.create_publisher(
                 String, f'~/{ROBOT_DESCRIPTION}', qos(1, latched=True))
@@ -167,7 +167,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
             rows = select(self._names, chunk.names, *chunk.rows)
         if any(second <= first for first, second in pairwise([-1, *chunk.offsets])):
             raise RejectedMessage('times', (
-                'points whose times do not increase, or with a negative time_from_start'))
+                'the times of its points do not increase, or one is negative'))
         times = [chunk.t + offset for offset in chunk.offsets]
         self._loop.take_reference(times, list(zip(rows[::3], rows[1::3], rows[2::3])))
         self._answer(now)
@@ -175,7 +175,9 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
     def _on_state(self, state: LoopMessage, now: int) -> None:
         q, dq = select(self._names, state.names, *state.rows[:2])
         if state.t > LATEST:
-            raise RejectedMessage('stamp', f'no stamp is as late as {seconds(state.t):.9f} s')
+            raise RejectedMessage('stamp', (
+                f'its stamp of {seconds(state.t):.9f} s is too late; allowed: at most '
+                f'{seconds(LATEST):.0f} s'))
         loop, states = self._loop, self.inputs[0]
         if loop.last is None:
             self._clock_published = self.count_publishers(CLOCK) > 0
@@ -186,7 +188,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
             self._samples = 0
             self.parameters.changed = True
             self.get_logger().info(
-                f'time begins at {seconds(state.t):.3f} s', throttle_duration_sec=1.0)
+                f'the first state is of {seconds(state.t):.3f} s', throttle_duration_sec=1.0)
         self._answer(now)
 
     def idle(self) -> None:
@@ -278,15 +280,18 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         word = 'enabled' if request.data else 'disabled'
         response.success = True
         changed = self._loop.request(Input.ENABLE if request.data else Input.DISABLE)
-        response.message = word if changed else f'was {word} already'
+        verb = 'is' if changed else 'was already'
+        response.message = f'the controller {verb} {word}'
         if request.data and self._loop.mode is Mode.TRIPPED:
-            response.message += ', but tripped: call ~/reset'
+            response.message += ', but it has tripped; call ~/reset'
         return response
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response
                   ) -> Trigger.Response:
         response.success = True
-        response.message = 'reset' if self._loop.request(Input.RESET) else 'was not tripped'
+        response.message = (
+            'the controller is reset' if self._loop.request(Input.RESET)
+            else 'the controller had not tripped')
         return response
 
     def check(self, config: ControllerConfig) -> None:
@@ -305,9 +310,10 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         allowed = (*LAWS, self.given.get('law'))  # No other class is imported.
         if law is not None and law in allowed and named.isdisjoint(GAINS):
             self._of_law = self._gains.of_law(str(law), self.config)
-        if self._of_law:
-            self.get_logger().info(f'law {law} is set without gains, and takes its own, not those '
-                                   f'of {self.config.law}')
+            if self._of_law:
+                self.get_logger().info(
+                    f'law {law} was set without gains; it takes its own gains instead of those of '
+                    f'{self.config.law}')
         return self._of_law
 
     def _take_recommended_gains(self) -> None:

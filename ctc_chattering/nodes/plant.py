@@ -56,6 +56,8 @@ _MAX_CATCH_UP = 100
 _CLOCK_PERIOD_NS = NANOSECONDS // 100
 #: Lockstep: time without an answer after which it is logged, and between two such lines [s].
 _WAITING_REPORT_S = 3.0
+#: State of the robot without commands.
+_BRAKING = 'the torque is 0 and the brakes are on'
 
 
 class PlantNode(LoopNode[PlantNodeConfig]):
@@ -71,8 +73,8 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         super().__init__('plant', values)
         config = self.config
         if config.pacing == 'real_time' and self.get_parameter('use_sim_time').value:
-            raise UsageError('use_sim_time: true contradicts real_time, the pacing: the plant '
-                             'gives the time itself, in lockstep on clock')
+            raise UsageError('use_sim_time: true contradicts pacing real_time, because the '
+                             'plant itself publishes the time on clock in lockstep')
         self._robot: Plant  # Made in `begin`.
         self._period = period_ns(config.control_period)
         self._last = samples(config.duration, self._period)
@@ -87,7 +89,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         self._exchange = LockstepExchange(time.monotonic_ns())
         #: Real time: when the first state was sent that no torque has followed [ns].
         self._unanswered_since: int | None = None
-        self._watchdog = Watchdog(COMMANDS, 'command', 'torque 0, brakes on', self.get_logger())
+        self._watchdog = Watchdog(COMMANDS, 'command', _BRAKING, self.get_logger())
         self._rates = FaultRates(FaultKind('{:.2g} outages per second', 0.0, 1.0))
         self.on_change()
         n = len(self._names)
@@ -146,7 +148,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             return f'the subscribers to {JOINT_STATES}'
         publishers = ', '.join(self.inputs[0].publishers())
         return (f'the answer on {COMMANDS} to the state at t = {self._robot.t:g} s; '
-                + (f'published by {publishers}' if publishers else 'there is no publisher'))
+                + (f'{publishers} publishes there' if publishers else 'nobody publishes there'))
 
     def status(self) -> Status:
         """Return the state of the plant, and its reason."""
@@ -166,7 +168,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
     def _lockstep_status(self) -> tuple[int, str]:
         waiting = time.monotonic_ns() - self._exchange.sent_at
         if self._held:
-            return OK, f'held at t = {self._robot.t:g} s'
+            return OK, f'the simulated time is held at t = {self._robot.t:g} s'
         if waiting > NANOSECONDS:
             return WARN, f'waiting for {self._awaited()}, for {waiting / NANOSECONDS:.0f} s'
         return OK, 'running'
@@ -178,7 +180,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             watchdog.outages, seconds(time.monotonic_ns())))
         values['timeouts, command'] = watchdog.outages
         if self._robot.braking:
-            return ERROR, f'no command for {seconds(watchdog.timeout):g} s; torque 0, brakes on'
+            return ERROR, f'no command for {seconds(watchdog.timeout):g} s; {_BRAKING}'
         if not self._begun:
             return WARN, f'waiting for {COMMANDS}'
         return next(((level, f'running, but {text}') for level, text in problems), (OK, 'running'))

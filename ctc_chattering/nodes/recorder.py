@@ -247,8 +247,8 @@ class RecorderNode(BaseNode):
             action(*arguments)
         except OSError as error:
             self._recording.abandon()
-            self.failure = (f'recording has stopped: {error.strerror or error}; what was written '
-                            'before is kept, see ctc repair')
+            self.failure = (f'the recording has stopped: {error.strerror or error}; `ctc repair` '
+                            'recovers the messages written before')
             self.get_logger().error(self.failure)
 
     def finish(self) -> None:

@@ -144,7 +144,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             return Status(WARN, f'waiting for {JOINT_STATES} or {CLOCK}', {})
         values = {'time': 'simulated' if self._schedule.simulated else 'real'}
         if self._refused_waypoints:
-            return Status(WARN, f'running as before, because {JOINT_TRAJECTORY} was refused: '
+            return Status(WARN, f'the motion continues, because {JOINT_TRAJECTORY} was refused: '
                           f'{self._refused_waypoints}', values)
         return Status(OK, 'running', values)
 
@@ -191,8 +191,8 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             raise RejectedMessage(getattr(error, 'kind', 'waypoints'), str(error)) from None
         self._refused_waypoints = ''
         remaining = max(seconds(followed.end - (self._schedule.now or 0)), 0.0)
-        self.get_logger().info(f'{JOINT_TRAJECTORY}: accepted: {_description(followed)}; '
-                               f'at rest in {remaining:.3g} s')
+        self.get_logger().info(f'{JOINT_TRAJECTORY} is accepted: {_description(followed)}; '
+                               f'the robot is at rest in {remaining:.3g} s')
         self._publish_chunks()
 
     def _publish_chunks(self) -> None:
@@ -211,6 +211,8 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
 def _description(followed: Followed) -> str:
     """Return the outcome of waypoints in words."""
     if not followed.waypoints:
-        return 'no waypoint, so that the motion stops'
+        return 'it has no waypoints, so the motion stops'
     text = f'{followed.waypoints} waypoints, {followed.past} of them past'
-    return f'{text}, the short way: {", ".join(followed.turned)}' if followed.turned else text
+    if followed.turned:
+        text += f'; these joints turn the short way: {", ".join(followed.turned)}'
+    return text

@@ -106,7 +106,7 @@ def read_stamp(data: bytes) -> int:
     sec, nanosec = struct.unpack_from({0: '>iI', 1: '<iI'}[data[1]], data, _CDR_HEADER)
     t: int = sec * NANOSECONDS + nanosec
     if not (0 <= t <= LATEST and nanosec < NANOSECONDS):
-        raise CtcError(f'{sec} s and {nanosec} ns are no time; allowed: 0 s to '
+        raise CtcError(f'{sec} s and {nanosec} ns are not a time; allowed: 0 s to '
                        f'{seconds(LATEST)} s')
     return t
 

@@ -114,7 +114,8 @@ class BaseNode(SpinningNode):
         why = why or self.failure or ', '.join(signals) or str(result or 'done')
         level = ERROR if self.failure else OK
         values = {**self._full_report().values, ENDED: why}
-        self._diagnostics.publish(diagnostics(self, Status(level, f'ended: {why}', values)))
+        status = Status(level, f'the node ended: {why}', values)
+        self._diagnostics.publish(diagnostics(self, status))
 
     def _full_report(self) -> Status:
         return full_report(self, self.status(), self.statistics, self.inputs)

@@ -231,7 +231,7 @@ class NodeParameters:
         """Raise `ParameterError` for a value not allowed in a running node."""
         if name == 'use_sim_time' and value is True and not self._node.count_publishers('/clock'):
             raise ParameterError(name, value, (
-                'false: /clock has no publisher, and time would stand still'))
+                'false, because /clock has no publisher and time would stand still'))
         declared = self._declared.get(name)
         if declared is None:
             return
@@ -240,7 +240,7 @@ class NodeParameters:
         allowed = list(dict.fromkeys((*declared.choices, self._initial[name])))
         if declared.custom and value not in allowed:
             raise ParameterError(
-                name, value, f'{" | ".join(allowed)}; others only at the start of the node')
+                name, value, f'{" | ".join(allowed)}; other classes only at the start of the node')
 
     def _apply(self, _parameters: list[RosParameter]) -> None:
         """Put the candidate in force, and log what it changes."""

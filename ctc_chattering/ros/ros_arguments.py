@@ -123,7 +123,7 @@ def _read_file(file: Path, namespace: str, nodes: Mapping[str, str]) -> dict[str
     if not values:
         raise UsageError(
             f'{_FILE} {file}: no section is for {" or ".join(nodes.values())} in namespace '
-            f'{namespace}; there is {", ".join(sections)}')
+            f'{namespace}; the sections are {", ".join(sections)}')
     return values
 
 
@@ -138,17 +138,18 @@ def _read_assignment(argument: str, assignment: str, nodes: Mapping[str, str]
     """Return the value that nodes take from ``-p``, by executable."""
     match = _ASSIGNMENT.fullmatch(assignment)
     if match is None:
-        raise UsageError(f'{argument}: this is not NAME:=VALUE, nor NODE:NAME:=VALUE')
+        raise UsageError(f'{argument}: this is neither NAME:=VALUE nor NODE:NAME:=VALUE')
     node, name, text = match.groups()
     declared = {executable: {*NODES[executable].parameters(), *parameter_file.OF_ROS}
                 for executable in nodes if node in (None, nodes[executable])}
     if not declared:
         raise UsageError(
-            f'{argument}: no node is called {node} here; {" | ".join(nodes.values())}')
+            f'{argument}: no node is called {node} here; allowed: {" | ".join(nodes.values())}')
     owners = [executable for executable in declared if name in declared[executable]]
     if not owners:
-        hint = suggest(name, set().union(*declared.values())) or '; ctc parameters lists them'
-        raise UsageError(f'{argument}: {" | ".join(declared)}: no parameter of this name{hint}')
+        hint = (suggest(name, set().union(*declared.values()))
+                or '; `ctc parameters` lists all parameters')
+        raise UsageError(f'{argument}: {" | ".join(declared)} has no parameter of this name{hint}')
     try:
         value = parse_value(text)
     except CtcError as error:

@@ -266,7 +266,7 @@ class ValidatedSubscription(Generic[T]):
         try:
             message = self._read(data)
         except Exception as error:
-            raise RejectedMessage('undecodable', f'{len(data)} bytes that are no message: '
+            raise RejectedMessage('undecodable', f'{len(data)} bytes are not a message: '
                                   f'{" ".join(str(error).split())}') from None
         if not self.ownership.admits(info.get('received_timestamp') or 0):
             raise RejectedMessage('second_publisher')
@@ -305,5 +305,6 @@ class ValidatedSubscription(Generic[T]):
                 self._node.get_logger().error(message)
             else:
                 self._node.get_logger().info(
-                    f'{self.topic}: obeyed again: {", ".join(names) or "no publisher"}')
+                    f'{self.topic}: messages are used again, from '
+                    f'{", ".join(names) or "the next publisher"}')
         return message

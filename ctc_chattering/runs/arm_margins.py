@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Rotors and masses with which the sampled loop of an arm is stable, as tables and for new gains.
+Rotors and masses with which an arm is stable.
 
 `ctc stability` and `ctc new-robot` print them. `margins/inertia_margins.py` computes them.
 """
@@ -41,7 +41,11 @@ import numpy as np
 
 
 def arm_margins(setup: Setup) -> ArmMargins | None:
-    """Return the margins of a described arm; None of another, or if its joints differ in gains."""
+    """
+    Return the margins of a described arm.
+
+    They are None for another robot, and for joints that differ in gains.
+    """
     model = model_of(setup.controller, setup.descriptions.get('controller', ''))
     if not isinstance(model, UrdfModel):
         return None
@@ -54,7 +58,7 @@ def arm_margins(setup: Setup) -> ArmMargins | None:
 
 
 def arm_rows(margins: ArmMargins) -> Iterator[tuple[str, str]]:
-    """Yield rows of a table, rounded inwards."""
+    """Yield the margins as rows, rounded inwards."""
     if margins.rotors:
         yield 'rotors / rotors of the model', range_text(margins.rotors)
     if margins.lacking is not None:
@@ -65,7 +69,7 @@ def arm_rows(margins: ArmMargins) -> Iterator[tuple[str, str]]:
 
 
 def arm_lines(margins: ArmMargins) -> Iterator[str]:
-    """Yield the margins in words."""
+    """Yield the margins as lines of text."""
     for factors, name in ((margins.rotors, 'rotors'), (margins.masses, 'masses')):
         if factors:
             yield f'the sampled loop is stable with {range_text(factors)} times these {name}'
@@ -73,10 +77,10 @@ def arm_lines(margins: ArmMargins) -> Iterator[str]:
 
 def with_stable_gains(robot: NewRobot) -> NewRobot:
     """
-    Return a robot with a pole that is low enough for the range of its assumed rotors.
+    Return a robot with gains that suit its assumed rotors.
 
-    Those that are assumed to be 0.002 kg·m² per N·m may be 0.001 to 0.006. Without assumed rotors,
-    or where less bandwidth does not help, nothing changes.
+    Rotors assumed to be 0.002 kg·m² per N·m may be 0.001 to 0.006. Without assumed rotors, or
+    where less bandwidth does not help, nothing changes.
     """
     if not any(rotor.source == Source.ASSUMED for rotor in robot.knowledge.rotors):
         return robot
@@ -96,6 +100,6 @@ def with_stable_gains(robot: NewRobot) -> NewRobot:
 
 
 def _covers_assumed_rotors(rotors: StableRange | None) -> bool:
-    """Return whether a range has the rotors that may be, over those that are assumed."""
+    """Return whether a range has all possible rotors."""
     return (rotors is not None and rotors.low <= LEAST_ROTOR / ASSUMED_ROTOR
             and rotors.high >= MOST_ROTOR / ASSUMED_ROTOR)

@@ -13,11 +13,12 @@
 # limitations under the License.
 
 """
-Runs computed by a dask cluster that is there, whose workers and scheduler are not trusted.
+Runs on a dask cluster of the user, whose workers and scheduler are not trusted.
 
-Workers answer with the bytes of a table, as Arrow writes it. Dask itself would also unpickle what
-it is sent, in an answer, an error or a message of the scheduler, and that can run any program.
-While this process is connected, an audit hook of Python refuses it.
+`map.complete_table` comes here with ``ctc map --scheduler``. Workers answer with the bytes of a
+table, as Arrow writes it. Dask itself would also unpickle an answer, an error or a message of the
+scheduler, and that can run any program. While this process is connected, an audit hook of Python
+refuses it.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.runs import pool, store
-from ctc_chattering.runs.points import Points
+from ctc_chattering.runs.run_lists import RunList
 from ctc_chattering.runs.store import Numbers
 import numpy as np
 import pyarrow
@@ -39,23 +40,25 @@ import pyarrow
 if TYPE_CHECKING:
     from distributed import Client
 
-#: Where a table without rows has why they were not computed.
+#: Key of a table's metadata with the reason why a worker computed no rows.
 _REFUSAL = b'refusal'
-#: What dask unpickles of an answer that is bytes: their class.
+#: Class that dask unpickles for an answer of bytes.
 _BYTES = ('builtins', 'bytes')
-#: Threads that have connected this process; nothing from the network is unpickled in them.
+#: Threads that have connected this process. Nothing from the network is unpickled in them.
 _CONNECTING: list[int] = []
 
 
 @contextmanager
-def connected(address: str) -> Iterator[Client]:
+def connect_cluster(address: str) -> Iterator[Client]:
     """
-    Yield a client of a cluster; until the end, other threads of this process unpickle nothing.
+    Yield a client of a cluster.
+
+    Other threads of this process unpickle nothing until the context ends.
 
     Parameters
     ----------
     address : str
-        Of its scheduler, ``tcp://host:port``.
+        Address of the scheduler, ``tcp://host:port``.
 
     Raises
     ------
@@ -63,7 +66,7 @@ def connected(address: str) -> Iterator[Client]:
         If there is no scheduler at the address.
 
     """
-    import distributed  # noqa: F401 - While it is imported, it unpickles what is its own.
+    import distributed  # noqa: F401 - It unpickles its own objects during the import.
     _watch()
     _CONNECTING.append(threading.get_ident())
     try:
@@ -75,47 +78,47 @@ def connected(address: str) -> Iterator[Client]:
 
 @cache
 def _watch() -> None:
-    """Have Python ask before an object is unpickled whose class or function must be looked up."""
+    """Have Python call `_refuse` before it looks up the class or function of a pickle."""
     sys.addaudithook(_refuse)
 
 
 def _refuse(event: str, arguments: tuple[Any, ...]) -> None:
-    """Raise `TypeError`, which dask expects where it unpickles, for what is not harmless."""
+    """Raise `TypeError`, which dask expects where it unpickles, for a class that may do harm."""
     if (event == 'pickle.find_class' and _CONNECTING and arguments != _BYTES
             and threading.get_ident() not in _CONNECTING):
         raise TypeError(f'{".".join(map(str, arguments))} was sent to be unpickled, which is '
                         'refused')
 
 
-def computed(client: Client, points: Points, chunks: Collection[Numbers]
-             ) -> Iterator[pyarrow.Table]:
+def run_on_cluster(client: Client, runs: RunList, chunks: Collection[Numbers]
+                   ) -> Iterator[pyarrow.Table]:
     """
     Yield the rows of every chunk, in their order.
 
     Parameters
     ----------
     client : Client
-        As `connected` yields it.
-    points : Points
-        What is run.
+        Client that `connect_cluster` yields.
+    runs : RunList
+        All runs.
     chunks : collection of sequence of int
-        Numbers of the runs.
+        Numbers of the runs of each chunk.
 
     Raises
     ------
     CtcError
-        If a worker refuses a chunk, or answers with anything else than its rows; if workers fail,
+        If a worker refuses a chunk, or answers with anything else than its rows. If workers fail,
         or the scheduler is lost.
 
     """
-    columns = store.schema(points)
-    answers = pool.computed(client, answer, chunks, points, store.version())
+    columns = store.table_schema(runs)
+    answers = pool.run_on_workers(client, answer, chunks, runs, store.version())
     for chunk in chunks:
         try:
             data = next(answers)
         except CtcError as error:
             if any(isinstance(x, bytes) for x in getattr(error.__cause__, 'args', ())):
-                # An error that was not unpickled: dask's own, since `answer` raises none.
+                # An error that was not unpickled is dask's own, since `answer` raises none.
                 raise CtcError('a worker failed: it was killed again and again over one chunk (is '
                                'there enough memory?), or cannot load ctc_chattering; its log '
                                'says why') from None
@@ -123,11 +126,11 @@ def computed(client: Client, points: Points, chunks: Collection[Numbers]
         yield read_answer(data, columns, chunk)
 
 
-def answer(points: Points, made_by: str, chunk: Numbers) -> bytes:
-    """Return the rows of a chunk as bytes, or why there are none; arguments of `store.compute`."""
+def answer(runs: RunList, version: str, chunk: Numbers) -> bytes:
+    """Return the rows of a chunk as bytes, or the reason why there are none."""
     try:
         with as_ctc_error('a worker failed'):
-            table = store.compute(points, made_by, chunk)
+            table = store.compute(runs, version, chunk)
     except CtcError as error:
         table = pyarrow.schema([], {_REFUSAL: str(error)}).empty_table()
     return to_bytes(table)
@@ -148,16 +151,16 @@ def read_answer(data: object, columns: pyarrow.Schema, chunk: Numbers) -> pyarro
     Parameters
     ----------
     data : object
-        What a worker has answered.
+        Answer of a worker.
     columns : pyarrow.Schema
-        Of the rows.
+        Columns of the rows.
     chunk : sequence of int
         Numbers of their runs.
 
     Raises
     ------
     CtcError
-        With what the worker says, or if these are not the rows of the chunk.
+        With the reason of the worker, or if these are not the rows of the chunk.
 
     """
     if not isinstance(data, bytes):

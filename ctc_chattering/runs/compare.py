@@ -12,159 +12,198 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""All laws on any robot and plant, under conditions, with gains of the file or by rule."""
+"""
+Comparison of all laws on any robot, under conditions.
+
+`ctc compare` calls `compare`. A `ComparisonSpec` lists the runs, `run_lists` and `store` make
+their rows, and `compare_page` writes tables and page.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+import dataclasses
+from itertools import groupby
 import json
 from pathlib import Path
 from typing import Any
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.loop_setup import Overrides, Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.laws.registry import LAWS, switchings_of
 from ctc_chattering.errors import CtcError, ParameterError, suggest
 from ctc_chattering.output_files import check_format, finite
 from ctc_chattering.parameters import check_not_empty, checked_integer
-from ctc_chattering.runs.conditions import chosen, Condition, HeldOut, read_cases, SEED
-from ctc_chattering.runs.conditions import held_out as drawn
-from ctc_chattering.runs.map import computed
-from ctc_chattering.runs.points import Points
+from ctc_chattering.runs.conditions import (
+    Case,
+    held_out_cases,
+    merge_overrides,
+    named_cases,
+    read_cases,
+    SEED,
+)
+from ctc_chattering.runs.map import complete_table
 from ctc_chattering.runs.recommended import (
-    BASE,
+    BASELINE,
     BEST,
     FILE,
-    GAINS,
+    GAIN_SOURCES,
     gains_by_rule,
-    RECOMMENDED,
-    Variant,
+    LawSettings,
 )
-from ctc_chattering.runs.score import over_simulation, Runner
+from ctc_chattering.runs.run_lists import ListedRun, RunList
+from ctc_chattering.runs.score import Runner, simulate_truth
 import pandas  # type: ignore[import-untyped]
 
 
-def variants(laws: Sequence[str] = LAWS, gains: str = FILE) -> list[Variant]:
-    """Return the rows of a table: `BASE`, all laws and switchings, and what is recommended."""
-    found = [Variant(law, switching, gains) for law in LAWS if law in laws for switching in (
-        switchings_of(law) or ('',))]
-    if BEST.law in laws:
-        found.append(BEST)
-    return list(dict.fromkeys([BASE, *found]))
-
-
-def tasks(paths: Iterable[Path], conditions: Sequence[str], laws: Sequence[str] = LAWS,
-          gains: str = FILE, more: Sequence[Condition] = ()
-          ) -> Iterator[tuple[dict[str, Any], Setup]]:
+@dataclasses.dataclass(frozen=True)
+class ComparisonSpec:
     """
-    Yield what to run: every variant on every robot under every condition.
+    Robots, laws and conditions of a comparison.
 
-    Parameters
+    Attributes
     ----------
-    paths : iterable of Path
-        Parameter files.
+    files : sequence of str or Path
+        Parameter files, or names of those of the package.
+    laws : sequence of str
+        Laws to run, each under every switching that it has.
     conditions : sequence of str
-        Names, `ALL` for each that the robot can have, '' for the robot as it is in the file.
-    laws, gains
-        As `variants` has them.
-    more : sequence of Condition
-        Further conditions: cases, then those held out.
+        Names of conditions in place of those of the files. ``all`` stands for each that the robot
+        can have, '' for the robot of the file.
+    gains : {'file', 'recommended'}
+        Gains of the file, or of each law by its rule in what the controller knows.
+    held_out : int
+        Number of drawn conditions in which all laws are judged.
+    seed : int
+        Of these.
+    cases : str or Path
+        File of further conditions, or the name of one in the package, ``imperfections``.
 
-    Yields
+    Raises
     ------
-    columns : dict
-        Which run it is; names of joints and parameters of the controller as JSON has them. `part`
-        tells the runs of a condition that has several.
-    setup : Setup
-        What is run.
+    CtcError
+        If a value is not allowed.
 
     """
-    for path in paths:
-        file = parameter_file.load(path)
-        for condition in (*chosen(conditions, file), *more):
-            under = condition.overrides(file)
-            for variant in variants(laws, gains):
-                values = variant.values
-                if variant.settings == RECOMMENDED:
-                    values |= gains_by_rule(parameter_file.load(
-                        path, merged(under[0], {'controller': values})))
-                for factor, run in zip(condition.factors, under):
-                    run = merged(run, {'controller': values})
-                    setup = parameter_file.load(path, run)
-                    if setup.plant.duration == 0.0:
-                        raise ParameterError(f'{path}: duration', 0.0,
-                                             'a number > 0, for every run must end')
-                    yield {
-                        'file': str(path), 'experiment': setup.plant.experiment,
-                        'condition': condition.name,
-                        'held_out': int(isinstance(condition, HeldOut)), **variant._asdict(),
-                        'part': f'model_{factor:g}' if len(under) > 1 else '',
-                        'joints': json.dumps(setup.plant.joint_names), 'controller': json.dumps(
-                            finite(run['controller']), sort_keys=True)}, setup
+
+    files: Sequence[str | Path]
+    laws: Sequence[str] = LAWS
+    conditions: Sequence[str] = ()
+    gains: str = FILE
+    held_out: int = 0
+    seed: int = SEED
+    cases: str | Path = ''
+
+    def __post_init__(self) -> None:
+        """Check all values that need no file."""
+        for name in self.laws:
+            if name not in LAWS:
+                raise ParameterError('laws', name, ' | '.join(LAWS) + suggest(name, LAWS))
+        if self.gains not in GAIN_SOURCES:
+            raise ParameterError('gains', self.gains, ' | '.join(GAIN_SOURCES))
+        check_not_empty('files', self.files)
+        checked_integer('held_out', self.held_out, 0)
+        checked_integer('seed', self.seed, 0)
+
+    @property
+    def law_settings(self) -> list[LawSettings]:
+        """Laws of a table: `BASELINE`, the chosen ones, `BEST`."""
+        chosen = [LawSettings(law, switching, self.gains) for law in LAWS if law in self.laws
+                  for switching in switchings_of(law) or ('',)]
+        best = [BEST] if BEST.law in self.laws else []
+        return list(dict.fromkeys([BASELINE, *chosen, *best]))
+
+    def runs(self) -> Iterator[ListedRun]:
+        """Yield the runs of all laws, robots and cases."""
+        for file in self.files:
+            path = find_config(file) if isinstance(file, str) else file
+            cases = self.robot_cases(parameter_file.load(path))
+            for _, group in groupby(cases, key=lambda case: case.title):
+                condition = list(group)
+                for law in self.law_settings:
+                    yield from _condition_runs(path, condition, law)
+
+    def robot_cases(self, setup: Setup) -> list[Case]:
+        """Return all cases of a parameter file's robot."""
+        listed = read_cases(find_config(str(self.cases), folder='cases')) if str(
+            self.cases) else ()
+        names = self.conditions or ([] if listed else [''])
+        return [*named_cases(names, setup), *listed,
+                *held_out_cases(setup, self.held_out, self.seed)]
 
 
-def merged(*parts: Overrides) -> Overrides:
-    """Return overrides by node and parameter; later ones win."""
-    nodes = dict.fromkeys(node for part in parts for node in part)
-    return {node: {name: value for part in parts for name, value in part.get(node, {}).items()}
-            for node in nodes}
+def _condition_runs(path: Path, condition: Sequence[Case], law: LawSettings
+                    ) -> Iterator[ListedRun]:
+    """
+    Yield the runs of a law under one condition.
+
+    Gains by rule are those of the first case. `part` tells the cases, and the parameters of the
+    controller are a column of JSON.
+    """
+    values = law.parameters
+    if law.is_recommended:
+        values |= gains_by_rule(parameter_file.load(
+            path, merge_overrides(condition[0].overrides, {'controller': values})))
+    for case in condition:
+        overrides = merge_overrides(case.overrides, {'controller': values})
+        setup = parameter_file.load(path, overrides)
+        if setup.plant.duration == 0.0:
+            raise ParameterError(
+                f'{path}: duration', 0.0, 'a number > 0, since every run must end')
+        yield ListedRun({
+            'file': str(path), 'experiment': setup.plant.experiment, 'condition': case.title,
+            'held_out': int(case.is_held_out), **law.columns, 'part': case.run_name,
+            'joints': json.dumps(setup.plant.joint_names),
+            'controller': json.dumps(finite(overrides['controller']), sort_keys=True)}, setup)
 
 
-class Comparison(Points):
-    """The runs of `tasks`."""
+class ComparisonRuns(RunList):
+    """Runs of a comparison."""
 
-    def row(self, run: int, runner: Runner = over_simulation) -> dict[str, Any]:
-        """Return the row of a run; raise `CtcError` if `BASE` has no numbers."""
-        x = super().row(run, runner)
-        if x['failure'] and not x['held_out'] and (x['law'], x['settings']) == (BASE.law, FILE):
-            raise CtcError(f'{x["file"]}: {x["reason"]}')
-        return x
+    def row(self, run: int, runner: Runner = simulate_truth) -> dict[str, Any]:
+        """
+        Return the row of a run.
+
+        Raise `CtcError` if `BASELINE` has no numbers.
+        """
+        row = super().row(run, runner)
+        is_baseline = (row['law'], row['settings']) == (BASELINE.law, FILE)
+        if row['failure'] and is_baseline and not row['held_out']:
+            raise CtcError(f'{row["file"]}: {row["reason"]}')
+        return row
 
 
-def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
-            conditions: Sequence[str] = (), gains: str = FILE, held_out: int = 0,
-            seed: int = SEED, jobs: int = 1,
-            show: Callable[[str], None] = print,
-            progress: Callable[[int, int], None] | None = None, cases: str | Path = '',
-            out: str | Path | None = None, overwrite: bool = False, extra: str = 'svg',
-            command: str = '') -> pandas.DataFrame:
+def compare(files: ComparisonSpec | Sequence[str | Path], *, out: str | Path | None = None,
+            jobs: int = 1, overwrite: bool = False, show: Callable[[str], None] = print,
+            progress: Callable[[int, int], None] | None = None, extra: str = 'svg',
+            command: str = '', **choices: Any) -> pandas.DataFrame:
     """
     Run parameter files with every law and, under law chattering, every switching.
 
     Parameters
     ----------
-    files : sequence of str or Path
-        Parameter files, or names of those of the package.
-    laws : sequence of str
-        Laws to run.
-    conditions : sequence of str
-        Drives, sensors and model error in place of those of the files; ``all`` for each that the
-        robot can have.
-    gains : {'file', 'recommended'}
-        Gains of the file, or of each law by its rule in what the controller knows.
-    held_out : int
-        Further conditions, drawn, in which all laws are judged.
-    seed : int
-        Of these.
-    jobs : int
-        Processes; with more than 1 a script needs ``if __name__ == '__main__'``.
-    show : callable
-        Takes lines about what is compiled and done.
-    progress : callable, optional
-        Called with the number of runs that are there, and of all.
-    cases : str or Path
-        File of further conditions, or the name of one in the package, ``imperfections``.
+    files : sequence of str or Path, or ComparisonSpec
+        Parameter files, or names of those of the package. A spec stands for all that is run.
     out : str or Path, optional
         Directory for ``compare.parquet``, a row a run, ``compare.json``, ``compare.md``,
-        ``compare.csv``, ``figures``, ``index.html``, and ``parameters``, a file of every run. What
-        is there of the same comparison is not computed again.
+        ``compare.csv``, ``figures``, ``index.html``, and ``parameters``, a file of every run. Runs
+        of the same comparison that are there are not computed again.
+    jobs : int
+        Processes. With more than 1 a script needs ``if __name__ == '__main__'``.
     overwrite : bool
-        Replace what another comparison has written there.
+        Replace the output of another comparison there.
+    show : callable
+        Takes lines about compilation and progress.
+    progress : callable, optional
+        Called with the number of finished runs, and of all.
     extra : {'svg', 'pdf', 'png'}
         A second format for each figure.
     command : str
-        What was run, for the page.
+        Command line, for the page.
+    choices
+        Other attributes of `ComparisonSpec`: ``laws``, ``conditions``, ``gains``, ``held_out``,
+        ``seed`` and ``cases``.
 
     Returns
     -------
@@ -175,28 +214,19 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
     Raises
     ------
     CtcError
-        If an argument is not allowed, before anything is run; if the law to which all others
-        are compared has no numbers; or if another comparison is in the directory.
+        If an argument is not allowed, before anything is run. If the law to which all others
+        are compared has no numbers, or another comparison is in the directory.
 
     """
-    for name in laws:
-        if name not in LAWS:
-            raise ParameterError('laws', name, ' | '.join(LAWS) + suggest(name, LAWS))
-    if gains not in GAINS:
-        raise ParameterError('gains', gains, ' | '.join(GAINS))
-    check_not_empty('files', files)
+    spec = files if isinstance(files, ComparisonSpec) else ComparisonSpec(files, **choices)
     check_format(extra)
     jobs = checked_integer('jobs', jobs, 1)
-    paths = [find_config(x) if isinstance(x, str) else x for x in files]
-    given = read_cases(find_config(str(cases), folder='cases')) if str(cases) else ()
-    draws = drawn(checked_integer('held_out', held_out, 0), checked_integer('seed', seed, 0))
-    runs = Comparison(tasks(
-        paths, conditions or ([] if given else ['']), laws, gains, (*given, *draws)))
+    runs = ComparisonRuns(spec.runs())
     path = Path(out) if out else None
-    with computed(runs, path, jobs, None, overwrite, show, progress) as made:
-        rows = made.table.to_pandas()
+    with complete_table(runs, path, jobs, None, overwrite, show, progress) as result:
+        rows = result.table.to_pandas()
         if path:
             from ctc_chattering.runs.compare_page import write_comparison  # Takes time.
-            with made.folder.replacing_files() as folder:
+            with result.folder.replacing_files() as folder:
                 write_comparison(runs, rows, folder, extra, command)
     return rows

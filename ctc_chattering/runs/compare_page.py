@@ -12,18 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a comparison writes: tables, CSV, figures, page, and a parameter file for every run."""
+"""
+Tables, figures, page and parameter files of a comparison.
+
+`compare` calls `write_comparison` with the rows of its runs. `outcomes` sums up the runs of each
+law on a robot under a condition, and all tables and figures show these.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Iterator, Sequence
+import dataclasses
 import itertools
 import json
 from math import inf
 from pathlib import Path
 from statistics import geometric_mean, median
-from typing import Any
+from typing import Any, NamedTuple
 
 from ctc_chattering.analysis import drawing, page
 from ctc_chattering.analysis.markup import Markup
@@ -33,203 +38,292 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.number_format import format_number
 from ctc_chattering.output_files import file_stem, write_text
 from ctc_chattering.runs.conditions import CONDITIONS
-from ctc_chattering.runs.figures import law_styles, panels, trade_off
-from ctc_chattering.runs.points import Points
-from ctc_chattering.runs.recommended import BASE, BEST, RECOMMENDED, Variant
-from ctc_chattering.runs.score import PER_JOINT
+from ctc_chattering.runs.law_figures import draw_panels, draw_trade_off, law_styles
+from ctc_chattering.runs.recommended import BASELINE, BEST, LawSettings
+from ctc_chattering.runs.run_lists import RunList
+from ctc_chattering.runs.score import PER_JOINT, Score
 from ctc_chattering.runs.store import FIGURES, PAGE
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 import pandas  # type: ignore[import-untyped]
 
-#: A number with the text that shows it.
-Number = tuple[float, str]
-#: What a law does under a condition, by the names of columns and of `PER_JOINT`.
-Outcome = dict[str, Any]
-_HEAD = list(Variant._fields)
-#: Columns of the numbers, and what they are of `PER_JOINT`.
-_NUMBERS = {'rms_error': 'rms', 'torque_variation_per_s': 'variation', 'max_torque_step': 'step',
-            'max_torque_rate_per_s': 'rate', 'max_torque': 'peak',
-            'slips_at_rest_per_s': 'slips'}
-#: Names in the directory.
-ROWS, CSV, TABLE, PARAMETERS = 'compare.parquet', 'compare.csv', 'compare.md', 'parameters'
-#: Most conditions whose tables are unfolded.
-_MANY = 16
-_LEAD = ('Every law with the same motion on the same robot: position error and torque of each '
-         'joint, by the settings and under the conditions that the tables name.')
+#: Columns that tell the laws.
+LAW_COLUMNS = tuple(BASELINE.columns)
+#: Files in the directory.
+ROWS = 'compare.parquet'
+CSV = 'compare.csv'
+TABLE = 'compare.md'
+#: Folder of the parameter files.
+PARAMETERS = 'parameters'
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """
+    Result of a law on a robot under a condition.
+
+    Attributes
+    ----------
+    file, experiment : str
+        Parameter file, and its name for the motion.
+    condition : str
+        Title of the condition.
+    is_held_out : bool
+        Whether it was drawn after all laws and rules were chosen.
+    law : LawSettings
+        Law, switching and source of the gains.
+    joints : sequence of str
+        Names.
+    controller : str
+        Parameters of the controller as JSON, of the first run.
+    score : Score
+        Worst numbers of the runs, or the failure of the first run without numbers.
+
+    """
+
+    file: str
+    experiment: str
+    condition: str
+    is_held_out: bool
+    law: LawSettings
+    joints: Sequence[str]
+    controller: str
+    score: Score
+
+    @property
+    def title(self) -> str:
+        """Experiment and condition."""
+        return ', '.join(filter(None, (self.experiment, self.condition)))
 
 
 def outcomes(rows: pandas.DataFrame) -> list[Outcome]:
+    """Return an outcome for each law, robot and condition."""
+    groups = rows.groupby(['file', 'condition', *LAW_COLUMNS], sort=False)
+    return [_outcome(runs) for _, runs in groups]
+
+
+def _outcome(runs: pandas.DataFrame) -> Outcome:
+    """Return the outcome of the runs of a law."""
+    first = runs.iloc[0]
+    joints = json.loads(first['joints'])
+    failure = next(filter(None, runs['reason']), '')
+    if failure:
+        worst = Score(failure=failure)
+    else:
+        largest = runs.max(numeric_only=True)
+        values: dict[str, Any] = {
+            name: tuple(float(largest[f'{column}_{i}']) for i, _ in enumerate(joints, 1))
+            for name, (column, _) in PER_JOINT.items()}
+        worst = Score(**values)
+    return Outcome(
+        file=first['file'], experiment=first['experiment'], condition=first['condition'],
+        is_held_out=bool(first['held_out']), law=LawSettings(*first[list(LAW_COLUMNS)]),
+        joints=joints, controller=first['controller'], score=worst)
+
+
+def grouped(results: Sequence[Outcome]) -> list[list[Outcome]]:
     """
-    Return what each law does on each robot under each condition: the worst of its runs.
+    Return the outcomes of each robot and condition.
 
-    Of every number the largest; of each joint in a tuple, which is empty if one of the runs has
-    none, for the first `reason` of these.
+    All that are held out are one group.
     """
-    found = rows.groupby(['file', 'condition', *_HEAD], sort=False, as_index=False).agg({
-        name: 'max' if rows[name].dtype == float else 'first' for name in rows
-        if name not in ('file', 'condition', *_HEAD)} | {
-            'reason': lambda x: next(filter(None, x), '')})
-    return [{
-        **x, 'joints': json.loads(x['joints']), 'variant': Variant(*(x[key] for key in _HEAD)),
-        'name': ', '.join(filter(None, (x['experiment'], x['condition']))),
-        'error': inf if x['reason'] else x['error'], **{
-            name: () if x['reason'] else tuple(
-                x[f'{key}_{i}'] for i, _ in enumerate(json.loads(x['joints']), 1))
-            for name, (key, _) in PER_JOINT.items()}} for x in found.to_dict('records')]
-
-
-def groups(found: Sequence[Outcome]) -> list[list[Outcome]]:
-    """Return the outcomes of each robot and condition; all that are held out are one group."""
     return [list(group) for _, group in itertools.groupby(
-        found, lambda x: (x['file'], x['held_out'] or x['condition']))]
+        results, lambda x: (x.file, x.is_held_out or x.condition))]
 
 
-def tables(found: Sequence[Outcome]) -> Iterator[Table]:
+def tables(results: Sequence[Outcome]) -> Iterator[Table]:
     """
-    Yield tables for each robot, plant and condition: robustness, errors, changes of the torque.
+    Yield the tables of robustness, errors and torque.
 
-    `least` is the smallest ratio of the errors of all joints to that of `BASE`; the first tables
-    are there with held-out conditions only.
+    Those of robustness are there with held-out conditions only, and come first.
     """
-    for group in sorted(groups(found), key=lambda x: not x[0]['held_out']):
-        first = group[0]
-        if first['held_out']:
-            yield _robustness(group)
-            continue
-        stops = first['condition'] in CONDITIONS and CONDITIONS[first['condition']].stops
-        yield Table(
-            bold(first['name']) + ': RMS error [rad], 5 s ≤ t ≤ 10 s',
-            [*_HEAD, *first['joints'], 'least', 'peak torque [N·m]'],
-            _rows(group, partial(_errors, base=first)), len(_HEAD))
-        yield Table(
-            bold(first['name']) + ': torque variation [N·m/s] / largest step [N·m] / largest rate '
-            f'[N·m/s]{" / stick-slips at rest [1/s]" * stops}', [*_HEAD, *first['joints']],
-            _rows(group, partial(_changes, stops=stops)), len(_HEAD))
+    for group in sorted(grouped(results), key=lambda group: not group[0].is_held_out):
+        if group[0].is_held_out:
+            yield _robustness_table(group)
+        else:
+            yield _error_table(group)
+            yield _torque_table(group)
 
 
-def _robustness(group: Sequence[Outcome]) -> Table:
+def _robustness_table(group: Sequence[Outcome]) -> Table:
     """
-    Return the table of held-out conditions, the law that survives most of them first.
+    Return the table of held-out conditions, best law first.
 
-    Medians are over all conditions; one that is lost counts as the worst.
+    Medians are over all conditions. One that is lost counts as the worst.
     """
-    by: dict[Variant, list[Outcome]] = {}
-    for x in group:
-        by.setdefault(x['variant'], []).append(x)
-    best = by.get(BEST, by[group[0]['variant']])
-
-    def row(variant: Variant, found: list[Outcome]) -> tuple[int, float, list[str]]:
-        errors = sorted(x['error'] for x in found)
-        lost = errors.count(inf)
-        ratios = [median([a / b for a, b in zip(x['variation'], y['variation'])])
-                  for x, y in zip(found, best) if not x['reason'] and not y['reason']]
-        return lost, median(errors), [
-            *variant, f'{len(found) - lost} of {len(found)}',
-            *(f'{x:.1e}' if x < inf else 'lost' for x in (errors[-1], median(errors))),
-            f'{median(ratios):.2g}' if ratios else '']
-
+    by_law: dict[LawSettings, list[Outcome]] = {}
+    for outcome in group:
+        by_law.setdefault(outcome.law, []).append(outcome)
+    best = by_law.get(BEST, by_law[group[0].law])
+    ranked = sorted(by_law.values(), key=lambda results: (
+        sum(bool(x.score.failure) for x in results), median(x.score.error for x in results)))
     return Table(
-        bold(group[0]['experiment']) + f': {len(best)} held-out conditions',
-        [*_HEAD, 'survived', 'worst error [rad]', 'median error [rad]',
-         f'variation over that of {BEST.law}, {BEST.settings}'],
-        [x[2] for x in sorted((row(*x) for x in by.items()), key=lambda x: x[:2])],
-        len(_HEAD))
+        bold(group[0].experiment) + f': {len(best)} held-out conditions',
+        [*LAW_COLUMNS, 'survived', 'worst error [rad]', 'median error [rad]',
+         f'variation over that of {BEST.law}, {BEST.gain_source}'],
+        [_robustness_row(results, best) for results in ranked], len(LAW_COLUMNS))
 
 
-def _errors(outcome: Outcome, base: Outcome) -> list[list[Number]]:
-    """Return the numbers of each cell of the first table; the smallest is the best."""
-    least = min(a / b if b else inf for a, b in zip(base['rms'], outcome['rms']))
-    ratio = '' if outcome['variant'] == BASE else f'{format_number(least, 2)}×'
-    peak = max(outcome['peak'])
-    return [*([(x, f'{x:.1e}')] for x in outcome['rms']), [(-least, ratio)],
-            [(peak, f'{peak:.0f}')]]
+def _robustness_row(results: Sequence[Outcome], best: Sequence[Outcome]) -> list[str]:
+    """Return the row of a law beside the best one."""
+    errors = [x.score.error for x in results]
+    survived = len(errors) - errors.count(inf)
+    texts = [f'{x:.1e}' if x < inf else 'lost' for x in (max(errors), median(errors))]
+    ratios = []
+    for x, y in zip(results, best):
+        if not x.score.failure and not y.score.failure:
+            joints = zip(x.score.variation, y.score.variation)
+            ratios.append(median(a / b for a, b in joints))
+    ratio = f'{median(ratios):.2g}' if ratios else ''
+    return [*results[0].law.columns.values(), f'{survived} of {len(errors)}', *texts, ratio]
 
 
-def _changes(outcome: Outcome, stops: bool) -> list[list[Number]]:
-    """Return the numbers of each cell of the second table."""
-    columns = [('variation', '.0f'), ('step', '.2g'), ('rate', '.0f'), ('slips', '.2g')]
-    return [list(cell) for cell in zip(*([(x, f'{x:{form}}') for x in outcome[name]]
-                                         for name, form in columns[:3 + stops]))]
+class Number(NamedTuple):
+    """A number with the text that shows it."""
+
+    value: float
+    text: str
 
 
-def _rows(group: Sequence[Outcome], cells: Callable[[Outcome], list[list[Number]]]
+def _error_table(group: Sequence[Outcome]) -> Table:
+    """Return errors, their smallest ratio to those of `BASELINE`, and largest torque."""
+    lines = []
+    for x in group:
+        line = [Number(error, f'{error:.1e}') for error in x.score.rms]
+        if line:
+            gain = min(a / b if b else inf for a, b in zip(group[0].score.rms, x.score.rms))
+            peak = max(x.score.peak)
+            line.append(Number(-gain, '' if x.law == BASELINE else f'{format_number(gain, 2)}×'))
+            line.append(Number(peak, f'{peak:.0f}'))
+        lines.append(line)
+    return Table(
+        bold(group[0].title) + ': RMS error [rad], 5 s ≤ t ≤ 10 s',
+        [*LAW_COLUMNS, *group[0].joints, 'least', 'peak torque [N·m]'],
+        _rows(group, lines), len(LAW_COLUMNS))
+
+
+def _torque_table(group: Sequence[Outcome]) -> Table:
+    """Return changes of the torque, and stick-slips of a condition with stops."""
+    condition = CONDITIONS.get(group[0].condition)
+    has_stops = condition is not None and condition.stops
+    lines = []
+    for x in group:
+        columns = [(x.score.variation, '.0f'), (x.score.step, '.2g'), (x.score.rate, '.0f')]
+        if has_stops:
+            columns.append((x.score.slips, '.2g'))
+        lines.append([Number(value, f'{value:{form}}')
+                      for values, form in columns for value in values])
+    slips = ' / stick-slips at rest [1/s]' if has_stops else ''
+    return Table(
+        bold(group[0].title) + ': torque variation [N·m/s] / largest step [N·m] / largest rate '
+        f'[N·m/s]{slips}', [*LAW_COLUMNS, *group[0].joints],
+        _rows(group, lines, len(group[0].joints)), len(LAW_COLUMNS))
+
+
+def _rows(group: Sequence[Outcome], lines: Sequence[Sequence[Number]], cells: int = 0
           ) -> list[list[str]]:
-    """Return the rows of a table, the smallest number of every column bold."""
-    content = [[] if x['reason'] else cells(x) for x in group]
-    best = [[min(value for value, _ in numbers) for numbers in zip(*column)]
-            for column in zip(*filter(None, content))]
-    return [[*outcome['variant'], *([
-        Markup(' / ').join(bold(text) if value == least and text else text
-                           for (value, text), least in zip(cell, leasts))
-        for cell, leasts in zip(numbers, best)] or ('diverged' for _ in best))]
-        for outcome, numbers in zip(group, content)]
+    """
+    Return rows with the smallest numbers bold.
+
+    Parameters
+    ----------
+    group : sequence of Outcome
+        Laws of the rows.
+    lines : sequence of sequence of Number
+        Numbers of each row, none of a law that diverged.
+    cells : int
+        Cells that share the numbers in turn, by default one for each.
+
+    """
+    columns = list(zip(*filter(None, lines)))
+    smallest = [min(column).value for column in columns]
+    cells = cells or len(columns)
+    rows = []
+    for outcome, line in zip(group, lines):
+        texts = [bold(text) if value == best and text else text
+                 for (value, text), best in zip(line, smallest)]
+        row = [Markup(' / ').join(texts[k::cells]) for k in range(cells)]
+        rows.append([*outcome.law.columns.values(), *(row if line else ['diverged'] * cells)])
+    return rows
 
 
-def to_markdown(found: Sequence[Outcome]) -> str:
+def to_markdown(results: Sequence[Outcome]) -> str:
     """Return all tables."""
-    return '\n'.join(line for table in tables(found) for line in (
+    return '\n'.join(line for table in tables(results) for line in (
         markdown(table.title), '', *markdown_table(table.heads, table.rows), ''))
 
 
-def to_csv(found: Sequence[Outcome]) -> str:
-    """Return one line per law and joint, with a header; numbers in full, empty if it diverged."""
-    return csv_text([{
-        **{name: x[name] for name in ('experiment', 'condition', *_HEAD)}, 'joint': joint,
-        **{name: x[key][i] if x[key] else None for name, key in _NUMBERS.items()},
-        'failure': x['reason'], 'controller': x['controller']}
-        for x in found for i, joint in enumerate(x['joints'])])
+def to_csv(results: Sequence[Outcome]) -> str:
+    """
+    Return a line per law and joint, with a header.
+
+    Numbers are in full, and empty for a law that diverged.
+    """
+    numbers = {'rms_error': 'rms', 'torque_variation_per_s': 'variation',
+               'max_torque_step': 'step', 'max_torque_rate_per_s': 'rate', 'max_torque': 'peak',
+               'slips_at_rest_per_s': 'slips'}
+    lines: list[dict[str, object]] = []
+    for x in results:
+        for i, joint in enumerate(x.joints):
+            values = {column: getattr(x.score, name)[i] if x.score.rms else None
+                      for column, name in numbers.items()}
+            lines.append({'experiment': x.experiment, 'condition': x.condition, **x.law.columns,
+                          'joint': joint, **values, 'failure': x.score.failure,
+                          'controller': x.controller})
+    return csv_text(lines)
 
 
-def compromises(found: Sequence[Outcome], title: str) -> Figure:
-    """Draw error against torque variation, means of the joints, a panel for each condition."""
-    variants = list(dict.fromkeys(x['variant'] for x in found))
-    looks = {x: {**style, 'linestyle': '', 'markerfacecolor': 'none', 'markeredgewidth': 1.8,
-                 **({'marker': '*', 'markersize': 15} if x.settings == RECOMMENDED else
-                    {'markersize': 8})}
-             for x, style in zip(variants, law_styles([x.law for x in variants]))}
-    parts = groups(found)
-    figure, axes = panels(title, [x[0]['name'].rpartition(', ')[2] for x in parts],
-                          'RMS error [rad]', 3.6)
-    for ax, group in zip(axes, parts):
-        trade_off(ax, [(_mean(x['variation']), _mean(x['rms']), looks[x['variant']])
-                       for x in group], 'diverged')
-    drawing.legend(figure, [Line2D([], [], label=', '.join(
-        filter(None, (x.switching or x.law, x.settings))), **style) for x, style in looks.items()])
+def draw_compromises(results: Sequence[Outcome], title: str) -> Figure:
+    """Draw error against torque variation for each condition."""
+    laws = list(dict.fromkeys(x.law for x in results))
+    looks = {}
+    for law, style in zip(laws, law_styles([law.law for law in laws])):
+        mark = {'marker': '*', 'markersize': 15} if law.is_recommended else {'markersize': 8}
+        looks[law] = {**style, 'linestyle': '', 'markerfacecolor': 'none', 'markeredgewidth': 1.8,
+                      **mark}
+    groups = grouped(results)
+    figure, axes = draw_panels(title, [group[0].condition or group[0].experiment
+                                       for group in groups], 'RMS error [rad]', 3.6)
+    for ax, group in zip(axes, groups):
+        draw_trade_off(ax, [(_mean(x.score.variation), _mean(x.score.rms), looks[x.law])
+                            for x in group], 'diverged')
+    drawing.legend(figure, [
+        Line2D([], [], label=f'{law.switching or law.law}, {law.gain_source}', **look)
+        for law, look in looks.items()])
     return figure
 
 
 def _mean(values: Sequence[float]) -> float:
-    """Return the geometric mean; inf without a number."""
+    """Return the geometric mean, or inf without a number."""
     return geometric_mean([max(x, 1e-300) for x in values]) if values else inf
 
 
-def figures(found: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
+def figures(results: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
     """Yield name, figure and caption of each robot."""
-    for experiment, mine in itertools.groupby(found, lambda x: str(x['experiment'])):
-        yield experiment, compromises(
-            [x for x in mine if not x['held_out']], f'{experiment}: error and torque variation'), (
-                'Geometric means over the joints, 5 s to 10 s, a panel for each condition; lower '
-                'left is better.')
+    for experiment, robot_results in itertools.groupby(results, lambda x: x.experiment):
+        shown = [x for x in robot_results if not x.is_held_out]
+        yield experiment, draw_compromises(shown, f'{experiment}: error and torque variation'), (
+            'Geometric means over the joints, 5 s to 10 s, a panel for each condition; lower '
+            'left is better.')
 
 
-def write_comparison(comparison: Points, rows: pandas.DataFrame, out: Path,
+def write_comparison(comparison: RunList, rows: pandas.DataFrame, out: Path,
                      extra: str = 'svg', command: str = '') -> None:
     """
     Write tables, figures, page, and a parameter file of every run.
 
     Parameters
     ----------
-    comparison : Points
-        What was run.
+    comparison : RunList
+        The runs.
     rows : pandas.DataFrame
-        Its rows.
+        Their rows.
     out : Path
         Directory of ``index.html``, ``figures`` and the files named above.
     extra : {'svg', 'pdf', 'png'}
         A second format for each figure.
     command : str
-        What was run, for the page.
+        Command line, for the page.
 
     Raises
     ------
@@ -237,34 +331,48 @@ def write_comparison(comparison: Points, rows: pandas.DataFrame, out: Path,
         If a file cannot be written.
 
     """
-    found = outcomes(rows)
-    write_text(out / TABLE, to_markdown(found))
-    write_text(out / CSV, to_csv(found))
+    results = outcomes(rows)
+    write_text(out / TABLE, to_markdown(results))
+    write_text(out / CSV, to_csv(results))
     write_parameters(comparison, out / PARAMETERS)
-    write_page(found, drawing.save(figures(found), out / FIGURES, ('svg', extra)), out / PAGE,
-               command)
+    files = drawing.save(figures(results), out / FIGURES, ('svg', extra))
+    write_page(results, files, out / PAGE, command)
 
 
-def write_page(found: Sequence[Outcome], files: Sequence[FigureFile], path: Path,
+def write_page(results: Sequence[Outcome], files: Sequence[FigureFile], path: Path,
                command: str = '') -> None:
     """
-    Write the page; raise `CtcError` if that cannot be done.
+    Write the page.
 
-    Law, switching and settings are one column, which stays where a table scrolls sideways.
+    Raise `CtcError` if that cannot be done.
     """
-    numbers = [page.Folded(x.title, [x._replace(
-        title='', heads=['law', *x.heads[len(_HEAD):]], names=1, rows=[
-            [f'{" ".join(row[:2]).strip()}, {row[2]}', *row[len(_HEAD):]] for row in x.rows])],
-        len(groups(found)) <= _MANY) for x in tables(found)]
-    page.write_page(path, 'The laws compared', _LEAD, [
-        page.Section('Figures', files), page.Section('Numbers', numbers)],
+    unfolded = len(grouped(results)) <= 16
+    numbers = [page.Folded(table.title, [_with_short_names(table)], unfolded)
+               for table in tables(results)]
+    page.write_page(
+        path, 'The laws compared',
+        'Every law with the same motion on the same robot: position error and torque of each '
+        'joint, by the settings and under the conditions that the tables name.',
+        [page.Section('Figures', files), page.Section('Numbers', numbers)],
         [(name, name) for name in (CSV, TABLE, ROWS, PARAMETERS)], command)
 
 
-def write_parameters(comparison: Points, directory: Path) -> None:
-    """Write a file for every run, as `ctc simulate` takes it."""
+def _with_short_names(table: Table) -> Table:
+    """
+    Return an untitled table with one column of names.
+
+    That column stays where a table scrolls sideways.
+    """
+    n = len(LAW_COLUMNS)
+    rows = [[f'{" ".join(row[:2]).strip()}, {row[2]}', *row[n:]] for row in table.rows]
+    return table._replace(title='', heads=['law', *table.heads[n:]], names=1, rows=rows)
+
+
+def write_parameters(comparison: RunList, directory: Path) -> None:
+    """Write a file of every run for `ctc simulate`."""
     used: set[str] = set()
-    for x, setup in comparison.listed:
-        stem = '_'.join(filter(None, (x['experiment'], x['condition'], x['switching'] or (
-            x['law']), x['settings'], x['part'])))
+    for columns, setup in comparison.listed:
+        names = (columns['experiment'], columns['condition'],
+                 columns['switching'] or columns['law'], columns['settings'], columns['part'])
+        stem = '_'.join(filter(None, names))
         parameter_file.dump(setup.values, directory / f'{file_stem(stem, used)}.yaml')

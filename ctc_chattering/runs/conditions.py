@@ -13,18 +13,19 @@
 # limitations under the License.
 
 """
-Conditions of a comparison: drives, sensors and errors of the model, on any robot.
+Conditions of a comparison, for any robot.
 
-A condition replaces what the parameter file has of drives, sensors, network and model error, so
-that a condition means the same on every robot; friction, disturbance, elasticity and limits of the
-torque stay those of the file, but for a condition with stops: its motion stops, and friction at
-rest is higher. What a lab can know, delay, lag and rate limit of the drives and the level of the
-Coulomb friction, the controller is given; a law takes of it what it can use.
+`ctc compare` runs every law in the cases that this module makes. A `Condition` makes them for any
+robot, a file lists them, and `held_out_cases` draws them. A condition replaces the drives,
+sensors, network and model error of a parameter file, so that it means the same on every robot.
+Friction, disturbance, elasticity and torque limits stay those of the file. A condition with stops
+also replaces the motion's profile and the friction at rest. The controller is given what a lab can
+know: delay, lag and rate limit of the drives, and the level of the Coulomb friction.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 import dataclasses
 from math import inf
 from pathlib import Path
@@ -34,6 +35,7 @@ from ctc_chattering.configuration.node_parameters import LOOP
 from ctc_chattering.configuration.yaml_file import FileKind, mapping, read_yaml
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import ParameterError, suggest, UsageError
+from ctc_chattering.simulation.plant_config import PlantConfig
 import numpy as np
 
 if TYPE_CHECKING:
@@ -41,75 +43,98 @@ if TYPE_CHECKING:
 
 #: Name of all conditions that a robot can have.
 ALL = 'all'
-#: Time in which a drive goes from no torque to its limit [s], where no rate limit is given.
-_RISE = 0.05
-#: Rate limit of the drives of the paper's arm, of which no effort limits are known [N·m/s].
-_TWO_LINK_RATES = (5_000.0, 1_000.0)
-#: With stops: rise of friction at rest over that of sliding, and its velocity [rad/s].
-_RISE_AT_REST, _TRANSITION = 0.5, 0.01
-#: Shortest smooth start [s], and error that counts as divergence [rad or m].
-_START, _DIVERGED = 2.0, 3.0
+#: Seed by default. No rule of gains and no law was chosen on its draws.
+SEED = 26
+#: Error by which a held-out run is lost [rad or m].
+LOST_ERROR_RAD = 1.0
+#: Shortest smooth start of a motion [s].
+MIN_START_DURATION_S = 2.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """
+    Named overrides of a parameter file for one run.
+
+    Attributes
+    ----------
+    name : str
+        Name of the condition, or within the group.
+    overrides : mapping
+        Parameters by node.
+    group : str
+        Heading of the table that has the case. It is empty outside a file of cases.
+    run_name : str
+        Name that tells the runs of a condition which has several.
+    is_held_out : bool
+        Whether the case was drawn, after all laws and rules were chosen.
+    x : float, optional
+        Abscissa in a figure over the group.
+
+    """
+
+    name: str
+    overrides: Overrides = dataclasses.field(default_factory=dict)
+    group: str = ''
+    run_name: str = ''
+    is_held_out: bool = False
+    x: float | None = None
+
+    @property
+    def title(self) -> str:
+        """Group and name."""
+        return f'{self.group}: {self.name}' if self.group else self.name
+
+
+#: Parameters of an ideal plant, for each joint or for all. A condition replaces each of them.
+_IDEAL_PLANT = {
+    'actuator_lag': 0.0, 'torque_rate_limit': inf, 'input_delay': 0, 'torque_resolution': 0.0,
+    'position_noise': 0.0, 'velocity_noise': 0.0, 'encoder_resolution': 0.0,
+    'velocity_sensor': 'exact', 'sample_loss': 0.0, 'sample_jitter': 0.0, 'late_samples': 0.0,
+    'payload': 0.0}
+#: Those of them that the controller knows.
+_KNOWN = ('actuator_lag', 'torque_rate_limit', 'input_delay')
 
 
 @dataclasses.dataclass(frozen=True)
 class Condition:
     """
-    What differs from an ideal robot.
+    Differences from an ideal robot.
 
     Attributes
     ----------
     name : str
         For the command line and headings.
-    lag : float
-        Time constant of the drives [s].
+    plant : mapping
+        Parameters of the plant. A number stands for each joint.
     rate_limited : bool
         Whether the drives have the rate limit of `torque_rates`.
-    delay : int
-        Input delay, in samples.
-    resolution : float
-        Of the encoders [rad or m]; the velocity is then the difference of positions. 0 for none.
-    cutoff : float
-        Of a low-pass behind this difference [rad/s]; 0 for none.
-    noise : float
-        Standard deviation of the noise on the velocity [rad/s or m/s].
-    payload : float
-        Mass at the end of the arm that the controller's model lacks [kg].
     factors : tuple of float
-        Of M, C and G in the controller's model; a run for each.
+        Factors of M, C and G in the controller's model, a run for each.
     friction_error : float
-        Part by which the friction is told wrong: up on every other joint, down on the others, and
-        the other way round in every other run.
+        Relative error of the friction that the controller is given. It is positive on every other
+        joint and negative on the others, and changes its sign from run to run.
     stops : bool
-        Whether the motion is that of `profile` trapezoid, and friction at rest, up to about
-        0.01 rad/s, half as large again as the Coulomb friction.
+        Whether the motion is that of `profile` trapezoid, and friction at rest half as large again
+        as the Coulomb friction.
 
     """
 
     name: str
-    lag: float = 0.0
+    plant: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     rate_limited: bool = False
-    delay: int = 0
-    resolution: float = 0.0
-    cutoff: float = 0.0
-    noise: float = 0.0
-    payload: float = 0.0
     factors: tuple[float, ...] = (1.0,)
     friction_error: float = 0.0
     stops: bool = False
 
     def fits(self, setup: Setup) -> bool:
-        """Return whether the robot of a parameter file can have it."""
-        return (setup.plant.described or not self.payload) and not (
-            self.stops and setup.route is not None)
+        """Return whether a robot can have the condition."""
+        has_payload = setup.plant.described or 'payload' not in self.plant
+        return has_payload and not (self.stops and setup.route is not None)
 
-    def overrides(self, setup: Setup) -> tuple[Overrides, ...]:
+    def cases(self, setup: Setup) -> list[Case]:
         """
-        Return what replaces values of a parameter file, for each run.
-
-        Parameters
-        ----------
-        setup : Setup
-            The file's.
+        Return the condition's cases for a parameter file.
 
         Raises
         ------
@@ -118,182 +143,202 @@ class Condition:
 
         """
         if not self.fits(setup):
-            raise UsageError(f'condition {self.name} needs ' + (
-                'a motion without waypoints' if self.stops else 'a robot in a URDF'))
-        n = len(setup.plant.joint_names)
-        drives: dict[str, Any] = {
-            'actuator_lag': [self.lag] * n, 'input_delay': self.delay, 'torque_rate_limit': list(
-                torque_rates(setup) if self.rate_limited else (inf,) * n)}
-        plant = {
-            **drives, 'torque_resolution': [0.0] * n, 'position_noise': [0.0] * n,
-            'velocity_noise': [self.noise] * n, 'encoder_resolution': [self.resolution] * n,
-            'velocity_sensor': (
-                'filtered' if self.cutoff else 'difference' if self.resolution else 'exact'),
-            **({'velocity_cutoff': self.cutoff} if self.cutoff else {}),
-            'sample_loss': 0.0, 'sample_jitter': 0.0, 'late_samples': 0.0,
-            'payload': self.payload, **(
-                {'stribeck_friction': [_RISE_AT_REST * x for x in setup.plant.coulomb_friction],
-                 'stribeck_velocity': [_TRANSITION] * n} if self.stops else {})}
-        reference = {'start_duration': max(setup.reference.start_duration, _START),
-                     **({'profile': 'trapezoid'} if self.stops else {})}
-        return tuple({
-            'plant': plant, 'reference': reference, 'bringup': {'events': ['']},
-            'controller': {
-                **drives, 'error_limit': [min(x, _DIVERGED) for x in setup.controller.error_limit],
-                'inertia_scale': factor, 'gravity_scale': factor, 'friction_level': [
-                    x * (1.0 + self.friction_error * (1.0 - 2.0 * ((i + k) % 2)))
-                    for i, x in enumerate(setup.plant.coulomb_friction)]}}
-            for k, factor in enumerate(self.factors))
+            needed = 'a motion without waypoints' if self.stops else 'a robot in a URDF'
+            raise UsageError(f'condition {self.name} needs {needed}; choose another condition')
+        friction = setup.plant.coulomb_friction
+        n = len(friction)
+        plant = {name: [x] * n if PlantConfig.parameters()[name].shape else x
+                 for name, x in {**_IDEAL_PLANT, **self.plant}.items()}
+        reference: dict[str, Any] = {
+            'start_duration': max(setup.reference.start_duration, MIN_START_DURATION_S)}
+        if self.rate_limited:
+            plant['torque_rate_limit'] = list(torque_rates(setup))
+        if self.stops:
+            plant['stribeck_friction'] = [0.5 * x for x in friction]
+            plant['stribeck_velocity'] = [0.01] * n  # [rad/s]
+            reference['profile'] = 'trapezoid'
+        controller = {name: plant[name] for name in _KNOWN} | {
+            'error_limit': [min(x, 3.0) for x in setup.controller.error_limit]}  # [rad or m]
+        cases = []
+        for run, factor in enumerate(self.factors):
+            errors = [self.friction_error * (1.0 - 2.0 * ((joint + run) % 2))
+                      for joint in range(n)]
+            model = {'inertia_scale': factor, 'gravity_scale': factor,
+                     'friction_level': [x * (1.0 + error) for x, error in zip(friction, errors)]}
+            cases.append(Case(
+                self.name, {'plant': plant, 'reference': reference, 'bringup': {'events': ['']},
+                            'controller': controller | model},
+                run_name=f'model_{factor:g}' if len(self.factors) > 1 else ''))
+        return cases
 
 
-_REAL_ARM = Condition('real_arm', lag=2e-3, rate_limited=True, delay=1, resolution=1e-5,
+_LAG = {'actuator_lag': 2e-3}
+_DELAY = {'input_delay': 1}
+_ENCODER = {'encoder_resolution': 1e-5, 'velocity_sensor': 'difference'}
+_REAL_ARM = Condition('real_arm', {**_LAG, **_DELAY, **_ENCODER}, rate_limited=True,
                       factors=(0.9, 1.1), friction_error=0.1)
-#: All conditions by name; docs/comparison.md has them in words.
+#: All conditions by name, as docs/comparison.md describes them.
 CONDITIONS = {condition.name: condition for condition in (
     Condition('clean'),
-    Condition('lag', lag=2e-3),
-    Condition('encoder', resolution=1e-5),
-    Condition('noise', noise=5e-3),
-    Condition('delay', delay=1),
-    Condition('payload', payload=1.0),
+    Condition('lag', _LAG),
+    Condition('encoder', _ENCODER),
+    Condition('noise', {'velocity_noise': 5e-3}),
+    Condition('delay', _DELAY),
+    Condition('payload', {'payload': 1.0}),
     Condition('model_error', factors=(0.9, 1.1)),
     _REAL_ARM,
-    dataclasses.replace(_REAL_ARM, name='real_arm_filtered', cutoff=500.0),
+    dataclasses.replace(_REAL_ARM, name='real_arm_filtered', plant={
+        **_REAL_ARM.plant, 'velocity_sensor': 'filtered', 'velocity_cutoff': 500.0}),
     dataclasses.replace(_REAL_ARM, name='stops', stops=True))}
 
 
-def condition(name: str) -> Condition:
-    """Return the condition of this name, '' for the file's; raise `UsageError` without one."""
-    if not name:
-        return Case('')
+def find_condition(name: str) -> Condition:
+    """
+    Return the condition of this name.
+
+    Raise `UsageError` if there is none.
+    """
     if name not in CONDITIONS:
         raise UsageError(f'no condition is called {name}; allowed: '
                          f'{", ".join((*CONDITIONS, ALL))}{suggest(name, CONDITIONS)}')
     return CONDITIONS[name]
 
 
-def chosen(names: Sequence[str], setup: Setup) -> list[Condition]:
-    """Return the conditions that names mean on a robot, `ALL` each that it can have."""
-    found = [condition(name) for name in names if name != ALL]
-    return [x for x in CONDITIONS.values() if x.fits(setup)] if ALL in names else found
+def named_cases(names: Sequence[str], setup: Setup) -> list[Case]:
+    """
+    Return the cases of named conditions.
 
-
-@dataclasses.dataclass(frozen=True)
-class Case(Condition):
-    """A condition of which a file has the values of parameters, by node, and nothing else."""
-
-    values: Overrides = dataclasses.field(default_factory=dict)
-
-    def overrides(self, setup: Setup) -> tuple[Overrides, ...]:  # noqa: ARG002
-        """Return what replaces values of a parameter file."""
-        return self.values,
+    `ALL` is each that fits the robot, '' the file as it is.
+    """
+    conditions = [find_condition(name) for name in names if name not in ('', ALL)]
+    if ALL in names:
+        conditions = [x for x in CONDITIONS.values() if x.fits(setup)]
+    unchanged = [Case('')] if '' in names else []
+    return unchanged + [case for condition in conditions for case in condition.cases(setup)]
 
 
 def read_cases(path: Path) -> tuple[Case, ...]:
     """
-    Read a file of cases: under ``cases`` groups of them, above ``overrides`` that all have.
+    Read a file of cases.
+
+    Below ``cases`` it has groups of them, beside that ``overrides`` which all have.
 
     Raises
     ------
     CtcError
-        Naming the key, its value and what is allowed.
+        Naming the key, its value and the allowed ones.
 
     """
-    def each(name: str, tree: Any, keys: Sequence[str] | None = None) -> dict[Any, Any]:
-        if keys is None and not isinstance(tree, dict):
-            raise ParameterError(f'{path}: {name}', tree, 'a mapping')
-        return mapping(f'{path}: {name}', tree, tuple(tree) if keys is None else keys)
+    tree = mapping(f'{path}: spec', read_yaml(path, FileKind.CONDITIONS), ('overrides', 'cases'))
+    common = _overrides(f'{path}: overrides', tree.get('overrides', {}))
+    return tuple(
+        Case(name, merge_overrides(common, _overrides(f'{path}: {group}: {name}', values, 'x')),
+             group, x=values.get('x'))
+        for group, cases in _section(f'{path}: cases', tree.get('cases')).items()
+        for name, values in _section(f'{path}: {group}', cases).items())
 
-    def by_node(name: str, tree: Any, *keys: str) -> dict[str, dict[str, Any]]:
-        values = each(name, tree, (*nodes, *keys))
-        return {node: each(f'{name}: {node}', values[node]) for node in nodes if node in values}
 
-    contents = read_yaml(path, FileKind.CONDITIONS)
-    tree, nodes = each('spec', contents, ('overrides', 'cases')), ('/**', *LOOP)
-    common = by_node('overrides', tree.get('overrides', {}))
-    found = []
-    for group, cases in each('cases', tree.get('cases')).items():
-        for name, case in each(group, cases).items():
-            values = by_node(f'{group}: {name}', case, 'x')
-            found.append(Case(f'{group}: {name}', values={
-                node: common.get(node, {}) | values.get(node, {}) for node in nodes
-                if node in common or node in values}))
-    return tuple(found)
+#: Nodes that a file of cases may name.
+_NODES = ('/**', *LOOP)
+
+
+def _section(name: str, value: Any) -> dict[Any, Any]:
+    """
+    Return a mapping with any keys.
+
+    Raise `ParameterError` for another value.
+    """
+    if not isinstance(value, dict):
+        raise ParameterError(name, value, 'a mapping')
+    return value
+
+
+def _overrides(name: str, value: Any, *further_keys: str) -> Overrides:
+    """Return the overrides in a part of the file."""
+    values = mapping(name, value, (*_NODES, *further_keys))
+    return {node: _section(f'{name}: {node}', values[node]) for node in _NODES if node in values}
+
+
+def merge_overrides(first: Overrides, second: Overrides) -> Overrides:
+    """Return overrides, `second` above `first`."""
+    return {node: {**first.get(node, {}), **second.get(node, {})} for node in {**first, **second}}
 
 
 def torque_rates(setup: Setup) -> tuple[float, ...]:
     """
     Return the rate limit of the drives, shape (n,) [N·m/s].
 
-    That of the plant in the file; where it has none, 5000 and 1000 N·m/s for the paper's arm, and
-    the effort limit of the description within 50 ms for others. inf where nothing is known.
+    It is that of the plant in the file. Without one, it is 5000 and 1000 N·m/s for the paper's
+    arm, and the effort limit of the description within 50 ms for others. It is inf if nothing is
+    known.
     """
     if min(setup.plant.torque_rate_limit) < inf:
         return setup.plant.torque_rate_limit
     if setup.controller.model == 'two_link':
-        return _TWO_LINK_RATES
+        return 5_000.0, 1_000.0
     model = model_of(setup.controller, setup.descriptions.get('controller', ''))
-    return tuple(x / _RISE for x in model.effort_limits) or (inf,) * model.n
+    return tuple(x / 0.05 for x in model.effort_limits) or (inf,) * model.n
 
 
-#: Error by which a run is lost [rad or m].
-LOST = 1.0
-#: Seed by default: no rule of gains and no law was chosen on its draws.
-SEED = 26
-#: Sample periods [s].
-_PERIODS = (5e-4, 1e-3, 2e-3)
+def held_out_cases(setup: Setup, count: int, seed: int) -> Iterator[Case]:
+    """
+    Yield the first draws of a seed.
+
+    The robot of the parameter file is the nominal one.
+    """
+    for index in range(count):
+        yield Case(f'held_out_{seed}_{index}', _draw(setup, seed, index), is_held_out=True)
 
 
-@dataclasses.dataclass(frozen=True)
-class HeldOut(Condition):
-    """A condition for which no law was chosen: the draw `index` of the seed `seed`."""
+def _draw(setup: Setup, seed: int, index: int) -> Overrides:
+    """
+    Return drawn parameters.
 
-    seed: int = SEED
-    index: int = 0
+    The order of the draws is part of their meaning.
+    """
+    rng = np.random.default_rng((seed, index))
+    n = len(setup.plant.joint_names)
 
-    def overrides(self, setup: Setup) -> tuple[Overrides, ...]:
-        """Return what replaces values of a parameter file, which is the nominal robot."""
-        rng, n = np.random.default_rng((self.seed, self.index)), len(setup.plant.joint_names)
+    def uniform(low: float, high: float) -> float:
+        return float(rng.uniform(low, high))
 
-        def times(values: tuple[float, ...], low: float, high: float) -> list[float]:
-            return [float(x) for x in np.array(values) * rng.uniform(low, high, len(values))]
+    def scaled(values: Sequence[float], low: float, high: float) -> list[float]:
+        factors = rng.uniform(low, high, len(values))
+        return [float(x) for x in np.array(values) * factors]
 
-        period = float(rng.choice(_PERIODS))
-        lag, delay = (float(rng.uniform(0.0, 4e-3)),) * n, int(rng.integers(0, 3))
-        told_lag = [float(rng.uniform(0.5, 1.5)) * lag[0]] * n
-        factor, told_factor = (2.0 ** float(x) for x in rng.uniform(-1.0, 1.0, 2))
-        rates = [factor * x for x in torque_rates(setup)]
-        resolution = 10.0 ** float(rng.uniform(-6.0, -4.0))
-        friction = times(setup.plant.coulomb_friction, 0.7, 1.3)
-        plant: dict[str, Any] = {
-            'actuator_lag': list(lag), 'torque_rate_limit': rates, 'input_delay': delay,
-            'encoder_resolution': [resolution] * n, 'velocity_sensor': 'difference',
-            'coulomb_friction': friction, 'stribeck_friction': times(tuple(friction), 0.0, 0.3),
-            'stribeck_velocity': [10.0 ** float(rng.uniform(-2.0, -1.0))] * n}
-        known: dict[str, Any] = {
-            'actuator_lag': told_lag, 'torque_rate_limit': [told_factor * x for x in rates],
-            'input_delay': delay, 'friction_level': list(setup.plant.coulomb_friction),
-            'inertia_scale': float(rng.uniform(0.85, 1.15)),
-            'gravity_scale': float(rng.uniform(0.85, 1.15)), 'error_limit': [LOST] * n}
-        payload = float(rng.uniform(0.0, 1.0))
-        if setup.plant.described:
-            plant['payload'] = payload
-        motion: dict[str, Any] = {
-            'amplitude': times(setup.reference.amplitude, 0.4, 0.75),
-            'frequency': times(setup.reference.frequency, 0.5, 1.3),
-            'phase': [float(x) for x in rng.uniform(0.0, 2.0 * np.pi, n)],
-            'start_duration': max(setup.reference.start_duration, _START)}
-        offset = rng.uniform(-0.3, 0.3, n)
-        plant['sample_loss'] = float(rng.uniform(0.0, 0.1))
-        plant['sample_jitter'] = float(rng.uniform(0.0, 0.3)) * period
-        if self.index % 3 == 2:
-            plant['initial_position'] = [
-                float(c + a * np.sin(x) + d) for c, a, x, d in zip(
-                    setup.reference.center, motion['amplitude'], motion['phase'], offset)]
-        return {'/**': {'control_period': period}, 'plant': plant, 'controller': known,
-                'reference': motion, 'bringup': {'events': ['']}},
-
-
-def held_out(count: int, seed: int) -> tuple[HeldOut, ...]:
-    """Return the first conditions of a seed."""
-    return tuple(HeldOut(f'held_out_{seed}_{i}', seed=seed, index=i) for i in range(count))
+    period = float(rng.choice((5e-4, 1e-3, 2e-3)))
+    lag = uniform(0.0, 4e-3)
+    delay = int(rng.integers(0, 3))
+    assumed_lag = uniform(0.5, 1.5) * lag
+    factor, assumed_factor = (2.0 ** float(x) for x in rng.uniform(-1.0, 1.0, 2))
+    rates = [factor * x for x in torque_rates(setup)]
+    resolution = 10.0 ** uniform(-6.0, -4.0)
+    friction = scaled(setup.plant.coulomb_friction, 0.7, 1.3)
+    plant: dict[str, Any] = {
+        'actuator_lag': [lag] * n, 'torque_rate_limit': rates, 'input_delay': delay,
+        'encoder_resolution': [resolution] * n, 'velocity_sensor': 'difference',
+        'coulomb_friction': friction, 'stribeck_friction': scaled(friction, 0.0, 0.3),
+        'stribeck_velocity': [10.0 ** uniform(-2.0, -1.0)] * n}
+    controller = {
+        'actuator_lag': [assumed_lag] * n,
+        'torque_rate_limit': [assumed_factor * x for x in rates],
+        'input_delay': delay, 'friction_level': list(setup.plant.coulomb_friction),
+        'inertia_scale': uniform(0.85, 1.15), 'gravity_scale': uniform(0.85, 1.15),
+        'error_limit': [LOST_ERROR_RAD] * n}
+    payload = uniform(0.0, 1.0)
+    if setup.plant.described:
+        plant['payload'] = payload
+    reference: dict[str, Any] = {
+        'amplitude': scaled(setup.reference.amplitude, 0.4, 0.75),
+        'frequency': scaled(setup.reference.frequency, 0.5, 1.3),
+        'phase': rng.uniform(0.0, 2.0 * np.pi, n).tolist(),
+        'start_duration': max(setup.reference.start_duration, MIN_START_DURATION_S)}
+    offset = rng.uniform(-0.3, 0.3, n)
+    plant['sample_loss'] = uniform(0.0, 0.1)
+    plant['sample_jitter'] = uniform(0.0, 0.3) * period
+    if index % 3 == 2:  # Every third draw starts away from the reference.
+        start = (np.array(setup.reference.center)
+                 + np.array(reference['amplitude']) * np.sin(reference['phase']) + offset)
+        plant['initial_position'] = start.tolist()
+    return {'/**': {'control_period': period}, 'plant': plant, 'controller': controller,
+            'reference': reference, 'bringup': {'events': ['']}}

@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The runs of a table that are missing; maps."""
+"""
+Maps: laws over grids and draws of parameters.
+
+`ctc map` calls `compute_map`, which reads a spec, runs it and writes tables, figures and page.
+`complete_table` computes the missing rows of any list of runs: `compare` and `tune` use it, too.
+"""
 
 from __future__ import annotations
 
@@ -31,20 +36,17 @@ from ctc_chattering.output_files import check_format
 from ctc_chattering.output_folder import OutputFolder
 from ctc_chattering.parameters import checked_integer
 from ctc_chattering.runs import cluster, pool, store
-from ctc_chattering.runs.points import Points, Runs
-from ctc_chattering.runs.spec import MapSpec, parse, read_spec
+from ctc_chattering.runs.run_lists import MapRuns, RunList
+from ctc_chattering.runs.spec import MapSpec, parse_spec, read_spec
 from ctc_chattering.runs.store import Numbers
 import pyarrow
 
-#: Folder of the package's own specs, below `config`.
-_FOLDER = 'maps'
-
 
 def map_spec(spec: Mapping[str, Any] | str | Path) -> MapSpec:
-    """Return what is run; argument and errors as of `compute_map`."""
+    """Read the spec that `compute_map` takes, with the same errors."""
     if isinstance(spec, Mapping):
-        return parse(dict(spec), Path('map'))
-    return read_spec(find_config(spec, folder=_FOLDER) if isinstance(spec, str) else spec)
+        return parse_spec(dict(spec), Path('map'))
+    return read_spec(find_config(spec, folder='maps') if isinstance(spec, str) else spec)
 
 
 def compute_map(spec: Mapping[str, Any] | str | Path, out: str | Path, jobs: int = 1,
@@ -53,116 +55,119 @@ def compute_map(spec: Mapping[str, Any] | str | Path, out: str | Path, jobs: int
                 progress: Callable[[int, int], None] | None = None, extra: str = 'svg',
                 command: str = '') -> pyarrow.Table:
     """
-    Run laws over grids and draws of parameters: which fails where.
+    Run laws over grids and draws of parameters, and show which law fails where.
 
-    What is in the directory of the same map is not computed again.
+    Runs that an earlier call has written for the same map are kept.
 
     Parameters
     ----------
     spec : mapping, str or Path
-        What to run, as docs/maps.md has it, or a path or name of a file with it.
+        Spec as in docs/maps.md, or the path or name of its file.
     out : str or Path
-        Directory for ``map.parquet``, a row a run, which pandas and polars read; ``map.json``,
-        ``figures`` and ``index.html``.
+        Directory for ``map.parquet``, ``map.json``, ``figures`` and ``index.html``. The table has
+        a row a run, and pandas and polars read it.
     jobs : int
-        Processes that compute; a script needs ``if __name__ == '__main__'``.
+        Processes that compute. A script needs ``if __name__ == '__main__'``.
     scheduler : str, optional
-        Address of a dask cluster, ``tcp://host:port``, in place of them.
+        Address of a dask cluster, ``tcp://host:port``, in place of these processes.
     overwrite : bool
-        Replace what another map has written there.
+        Replace the files of another map.
     show : callable
-        Takes lines about what is compiled and done.
+        Takes lines about compilation and progress.
     progress : callable, optional
-        Called with the number of runs that are there, and of all.
+        Called with the number of finished runs, and of all.
     extra : {'svg', 'pdf', 'png'}
         A second format for each figure.
     command : str
-        What was run, for the page.
+        Command line, for the page.
 
     Returns
     -------
     pyarrow.Table
-        The rows of ``map.parquet``; ``polars.from_arrow`` takes it.
+        Rows of ``map.parquet``. ``polars.from_arrow`` takes them.
 
     Raises
     ------
     CtcError
-        If an argument, or something in the spec, is not allowed, before anything is run; if
-        another map is in the directory, or workers are lost.
+        If an argument or a value of the spec is not allowed, before anything is run. If another
+        map is in the directory, or workers are lost.
 
     """
     jobs = checked_integer('jobs', jobs, 1)
     check_format(extra)
-    runs, out = Runs(map_spec(spec)), Path(out)
-    with computed(runs, out, jobs, scheduler, overwrite, show, progress) as made:
-        table = made.table
+    runs, out = MapRuns(map_spec(spec)), Path(out)
+    with complete_table(runs, out, jobs, scheduler, overwrite, show, progress) as result:
+        table = result.table
         failed = len(table) - table['failure'].to_pylist().count('')
         show(f'{len(table)} runs, {failed} failed: {out / store.TABLE}; drawing ...')
         from ctc_chattering.runs.map_page import write_report  # Takes time.
-        with made.folder.replacing_files() as folder:
+        with result.folder.replacing_files() as folder:
             write_report(runs.spec, table, folder, extra, command)
     return table
 
 
-class Computed(NamedTuple):
-    """All rows of a table, and the folder that has it."""
+class CompleteTable(NamedTuple):
+    """All rows of a table, and the folder that holds it."""
 
     table: pyarrow.Table
     folder: OutputFolder
 
 
 @contextmanager
-def computed(points: Points, out: Path | None, jobs: int, scheduler: str | None, overwrite: bool,
-             show: Callable[[str], None], progress: Callable[[int, int], None] | None
-             ) -> Iterator[Computed]:
+def complete_table(runs: RunList, out: Path | None, jobs: int, scheduler: str | None,
+                   overwrite: bool, show: Callable[[str], None],
+                   progress: Callable[[int, int], None] | None) -> Iterator[CompleteTable]:
     """
-    Compute the runs that are missing in a directory, of which None keeps nothing.
+    Compute the runs that a directory does not have yet; None keeps nothing.
 
-    Until the end of the context no other process writes there; arguments and errors as of
+    No other process writes there until the context ends. Arguments and errors are those of
     `compute_map`.
     """
-    required_codes(points.robot)  # What is missing shows here.
+    required_codes(runs.robot)  # An error of the robot shows here.
     with ExitStack() as stack:
         path = out or Path(stack.enter_context(TemporaryDirectory()))
-        directory = stack.enter_context(store.opened(
-            path, store.about(points), store.schema(points), overwrite, points.kind))
-        rows, compute = store.schema(points).empty_table(), None
-        while len(some := points.next_runs(rows)):
-            chunks = {directory.file(x): x for x in store.chunks(points, some)}
-            found = {file: directory.rows(x, show) for file, x in chunks.items()}
-            left = {file: x for file, x in chunks.items() if found[file] is None}
-            done = len(some) - sum(map(len, left.values()))
-            show(f'{len(some)} runs in {format_count(len(chunks), "chunk")}, '
-                 f'{done} of them computed')
-            if left and compute is None:
-                compute = _compute(stack, points, jobs, scheduler, show)
+        columns = store.table_schema(runs)
+        directory = stack.enter_context(store.open_directory(
+            path, store.table_metadata(runs), columns, overwrite, runs.command))
+        rows = columns.empty_table()
+        execute = None
+        while len(numbers := runs.next_runs(rows)):
+            chunks = {directory.file(chunk): chunk for chunk in store.chunks(runs, numbers)}
+            tables = {file: directory.rows(chunk, show) for file, chunk in chunks.items()}
+            missing = {file: chunks[file] for file, table in tables.items() if table is None}
+            finished = len(numbers) - sum(map(len, missing.values()))
+            show(f'{len(numbers)} runs in {format_count(len(chunks), "chunk")}, '
+                 f'{finished} of them computed')
+            if missing and execute is None:
+                execute = _executor(stack, runs, jobs, scheduler, show)
             try:
-                for file, table in zip(left, compute(left.values()) if compute else ()):
+                for file, table in zip(missing, execute(missing.values()) if execute else ()):
                     directory.write(table, file)
-                    found[file] = table
-                    done += len(table)
+                    tables[file] = table
+                    finished += len(table)
                     if progress is not None:
-                        progress(done, len(some))
+                        progress(finished, len(numbers))
             except (CtcError, KeyboardInterrupt) as error:
-                where = (f'in {directory.path}, run the same command to continue' if out
-                         else 'done')
-                raise (CtcError if isinstance(error, CtcError) else KeyboardInterrupt)(
-                    f'{str(error) or "stopped"}; {done} of {len(some)} runs are {where}') from None
-            rows = pyarrow.concat_tables([rows, *found.values()])
-        yield Computed(directory.merge(rows), directory.folder)
+                error_type = CtcError if isinstance(error, CtcError) else KeyboardInterrupt
+                location = (f'in {directory.path}, run the same command to continue' if out
+                            else 'done')
+                raise error_type(f'{str(error) or "stopped"}; {finished} of {len(numbers)} runs '
+                                 f'are {location}') from None
+            rows = pyarrow.concat_tables([rows, *tables.values()])
+        yield CompleteTable(directory.merge(rows), directory.folder)
 
 
-def _compute(stack: ExitStack, points: Points, jobs: int, scheduler: str | None,
-             show: Callable[[str], None]
-             ) -> Callable[[Collection[Numbers]], Iterator[pyarrow.Table]]:
-    """Return what computes the rows of chunks; its processes end with `stack`."""
+def _executor(stack: ExitStack, runs: RunList, jobs: int, scheduler: str | None,
+              show: Callable[[str], None]
+              ) -> Callable[[Collection[Numbers]], Iterator[pyarrow.Table]]:
+    """Return the function that computes chunks; its processes end with `stack`."""
     if scheduler is not None:
-        client = stack.enter_context(cluster.connected(scheduler))
+        client = stack.enter_context(cluster.connect_cluster(scheduler))
         show(format_count(pool.threads(client, show), 'worker'))
-        return partial(cluster.computed, client, points)
-    compile_setups(points.examples(), show)
+        return partial(cluster.run_on_cluster, client, runs)
+    compile_setups(runs.examples(), show)
     if jobs == 1:
-        return lambda chunks: pool.serially(store.compute, chunks, points, '')
+        return lambda chunks: pool.run_serially(store.compute, chunks, runs, '')
     client = stack.enter_context(pool.workers(jobs))
     show(format_count(pool.threads(client, show), 'worker'))
-    return lambda chunks: pool.computed(client, store.compute, chunks, points, '')
+    return lambda chunks: pool.run_on_workers(client, store.compute, chunks, runs, '')

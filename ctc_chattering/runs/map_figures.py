@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Figures of maps: errors, and failures with the boundary and its interval."""
+"""
+Figures of a map: errors, and failures with their boundary and its interval.
+
+`map_page` draws them with `figures`. One axis gives lines, two or three give panels of coloured
+cells, and more give no figure.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +27,16 @@ from typing import Any
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.drawing import legend, legend_of
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.runs.figures import law_styles
-from ctc_chattering.runs.map_data import Counts, GridAxis, LEVEL, MapData, share, spaced, wilson
+from ctc_chattering.runs.law_figures import law_styles
+from ctc_chattering.runs.map_data import (
+    Counts,
+    failure_share,
+    GridAxis,
+    MapData,
+    PASSING_SHARE,
+    spaced_indices,
+    wilson_interval,
+)
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
@@ -33,176 +46,192 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import PercentFormatter
 import numpy as np
 
-#: Most panels beside each other, values of the third axis, and axes of a map that is drawn.
-_COLUMNS, THIRD, _MOST_AXES = 4, 6, 3
-_MARKED: dict[str, Any] = {'linewidth': 1.4, 'markersize': 4.5, 'markeredgecolor': 'white',
-                           'markeredgewidth': 0.5}
-#: Where there is no number, and what the legend says of it.
+#: Values of the third axis that have a panel.
+MAX_THIRD_VALUES = 6
+_LINES: dict[str, Any] = {
+    'linewidth': 1.4, 'markersize': 4.5, 'markeredgecolor': 'white', 'markeredgewidth': 0.5}
+#: Style of a cell without a number, and its text in the legend.
 _HATCHED: dict[str, Any] = {'facecolor': '#e4e4e4', 'edgecolor': '#8c8c8c', 'hatch': '////'}
 NO_NUMBER = 'half of the runs or more diverged or were refused, or no run'
-#: Lines of the boundary, and of its uncertainty.
-LINES: dict[str, dict[str, Any]] = {
+#: Lines of the boundary and of its interval, by their text in the legend.
+BOUNDARY_LINES: dict[str, dict[str, Any]] = {
     'half of the runs fail': {'linestyle': '-', 'linewidth': 1.8},
     'beyond, more than half fail (95 %)': {'linestyle': '--', 'linewidth': 1.1},
     'within, less than half fail (95 %)': {'linestyle': ':', 'linewidth': 1.4}}
-_BLACK = '#111111'
-#: Colours of shares, of which the boundary is distinct.
-_SHARES = ListedColormap(colormaps['Oranges'](np.linspace(0.0, 0.6, 256)))
+_BOUNDARY_COLOUR = '#111111'
 
 
-def _ruled(ax: Axes, axis: str, grid: GridAxis, most: int) -> None:
-    """Let an axis have the values of a grid, evenly spaced, at most so many with a text."""
-    shown = spaced(len(grid.values), most)
-    ax.set(**{f'{axis}label': grid.label, f'{axis}lim': (-0.5, len(grid.values) - 0.5),
-              f'{axis}ticks': shown,
-              f'{axis}ticklabels': [f'{grid.values[k]:.4g}' for k in shown]})
+def _set_ticks(ax: Axes, direction: str, grid: GridAxis, limit: int) -> None:
+    """Let an axis have the values of a grid, evenly spaced, up to `limit` of them with a text."""
+    ticks = spaced_indices(len(grid.values), limit)
+    ax.set(**{f'{direction}label': grid.label,
+              f'{direction}lim': (-0.5, len(grid.values) - 0.5), f'{direction}ticks': ticks,
+              f'{direction}ticklabels': [f'{grid.values[k]:.4g}' for k in ticks]})
 
 
-def lines(data: MapData) -> Figure:
+def draw_lines(data: MapData) -> Figure:
     """Draw error, median and 5 % to 95 %, and failure probability over the only axis."""
     (axis,) = data.axes
     figure, grid = drawing.sheet(f'Error and failures over {axis.name}', 2, (1.0,), 3.0)
-    above = drawing.panel(figure, grid[0, 0], 'median of the RMS error, and 5 % to 95 % of it',
-                          'RMS error [rad]')
-    below = drawing.panel(figure, grid[1, 0],
-                          'failure probability, with intervals of 95 % (Wilson)',
-                          'share of runs that fail')
-    drawing.log_axis(above, data.quantiles[np.isfinite(data.quantiles)])
-    x, top = np.arange(len(axis.values)), above.get_ylim()[1]
+    errors = drawing.panel(figure, grid[0, 0], 'median of the RMS error, and 5 % to 95 % of it',
+                           'RMS error [rad]')
+    failures = drawing.panel(figure, grid[1, 0],
+                             'failure probability, with intervals of 95 % (Wilson)',
+                             'share of runs that fail')
+    drawing.log_axis(errors, data.quantiles[np.isfinite(data.quantiles)])
+    x = np.arange(len(axis.values))
+    top = errors.get_ylim()[1]
     for v, style in enumerate(law_styles(data.laws)):
-        aside = 0.06 * (v - 0.5 * (len(data.variants) - 1))
+        shifted = x + 0.06 * (v - 0.5 * (len(data.variants) - 1))
         low, median, high = data.quantiles[:, v]
-        gone = np.isinf(median)
-        above.fill_between(x, np.minimum(low, top), np.minimum(high, top), color=style['color'],
-                           alpha=0.12, linewidth=0.0)
-        above.plot(x, np.where(gone, np.nan, median), label=data.variants[v], **_MARKED, **style)
-        above.plot(x[gone] + aside, np.ones(int(gone.sum())), 'x', color=style['color'],
-                   markersize=6.0, transform=above.get_xaxis_transform(), clip_on=False)
+        diverged = np.isinf(median)
+        errors.fill_between(x, np.minimum(low, top), np.minimum(high, top), color=style['color'],
+                            alpha=0.12, linewidth=0.0)
+        errors.plot(x, np.where(diverged, np.nan, median), label=data.variants[v], **_LINES,
+                    **style)
+        errors.plot(shifted[diverged], np.ones(int(diverged.sum())), 'x', color=style['color'],
+                    markersize=6.0, transform=errors.get_xaxis_transform(), clip_on=False)
         p = data.probability[v]
-        low, high = wilson(data.failed[v], data.runs[v])
-        below.errorbar(x + aside, p, elinewidth=0.8, capsize=2.0, yerr=[
-            np.fmax(p - low, 0.0), np.fmax(high - p, 0.0)], **_MARKED, **style)
-    below.axhline(LEVEL, color=drawing.REFERENCE, linewidth=0.8, linestyle=(0, (4, 2.5)))
-    below.yaxis.set_major_formatter(PercentFormatter(1.0))
-    below.set_ylim(-0.04, 1.04)
-    for ax in (above, below):
-        _ruled(ax, 'x', axis, 12)
-    legend_of(above)
+        low, high = wilson_interval(data.failed[v], data.runs[v])
+        failures.errorbar(shifted, p, elinewidth=0.8, capsize=2.0, yerr=[
+            np.fmax(p - low, 0.0), np.fmax(high - p, 0.0)], **_LINES, **style)
+    failures.axhline(
+        PASSING_SHARE, color=drawing.REFERENCE, linewidth=0.8, linestyle=(0, (4, 2.5)))
+    failures.yaxis.set_major_formatter(PercentFormatter(1.0))
+    failures.set_ylim(-0.04, 1.04)
+    for ax in (errors, failures):
+        _set_ticks(ax, 'x', axis, 12)
+    legend_of(errors)
     return figure
 
 
-def maps(data: MapData, title: str, values: Array, bar: str, variants: Sequence[int],
-         limits: bool = False, **style: Any) -> Figure:
+def draw_cells(data: MapData, title: str, values: Array, bar: str, variants: Sequence[int],
+               with_boundary: bool = False, **style: Any) -> Figure:
     """
-    Draw numbers as colours: a panel for each variant and value of the third axis.
+    Draw numbers as colours, a panel for each variant and value of the third axis.
 
     Parameters
     ----------
     data : MapData
-        Of two axes or three: the first is the abscissa, the second the ordinate.
+        Map of two or three axes. The first is the abscissa, the second the ordinate.
     title, bar : str
-        What it is; label of the colours.
+        Title of the figure, and label of the colours.
     values : array, shape (V, *shape)
-        The numbers; a cell without one is hatched.
+        The numbers. A cell without one is hatched.
     variants : sequence of int
         Indices of those that are drawn.
-    limits : bool
-        Whether the boundary is drawn, too.
+    with_boundary : bool
+        Whether the boundary of failures is drawn.
     style : object
-        Of `Axes.pcolormesh`.
+        Arguments of `Axes.pcolormesh`.
 
     """
-    x, y, *more = data.axes
+    x, y, *third = data.axes
     shape: Any = (len(data.variants), len(x.values), len(y.values), -1)
-    numbers, runs, failed = (np.reshape(x, shape) for x in (values, data.runs, data.failed))
-    panels = [(v, k) for v in variants for k in spaced(numbers.shape[-1], THIRD)]
-    columns = min(numbers.shape[-1], THIRD) if more else min(len(panels), _COLUMNS)
+    numbers = np.reshape(values, shape)
+    runs = np.reshape(data.runs, shape)
+    failed = np.reshape(data.failed, shape)
+    shown = spaced_indices(numbers.shape[-1], MAX_THIRD_VALUES)
+    panels = [(v, k) for v in variants for k in shown]
+    columns = len(shown) if third else min(len(panels), 4)
     rows = -(-len(panels) // columns)
     figure, grid = drawing.sheet(f'{title} over {x.name} and {y.name}', rows, (1.0,) * columns,
                                  min(max(5.0 / columns, 1.3), 3.0))
-    for place, (v, k) in enumerate(panels):
-        name = '\n'.join((data.variants[v], *(axis.at(k) for axis in more)))
-        ax = drawing.panel(figure, grid[place // columns, place % columns], name, '')
+    for panel, (v, k) in enumerate(panels):
+        name = '\n'.join((data.variants[v], *(axis.value_text(k) for axis in third)))
+        ax = drawing.panel(figure, grid[panel // columns, panel % columns], name, '')
         ax.grid(False)
         ax.patch.set(**_HATCHED, linewidth=0.0)
         ax.spines[['top', 'right']].set_visible(True)
-        _ruled(ax, 'x', x, max(2, 14 // columns))
-        _ruled(ax, 'y', y, 6)
-        if more and place + columns < len(panels):
-            ax.set_xlabel('')  # In place of a second line of the title below.
+        _set_ticks(ax, 'x', x, max(2, 14 // columns))
+        _set_ticks(ax, 'y', y, 6)
+        if third and panel + columns < len(panels):
+            ax.set_xlabel('')  # The second line of the title below takes its place.
         drawn = ax.pcolormesh(np.arange(len(x.values)), np.arange(len(y.values)),
                               np.ma.masked_invalid(numbers[v, ..., k].T), rasterized=True, **style)
-        if limits:
-            _boundary(ax, failed[v, ..., k].T, runs[v, ..., k].T)
+        if with_boundary:
+            _draw_boundary(ax, failed[v, ..., k].T, runs[v, ..., k].T)
     bar_axes = figure.colorbar(
         drawn, ax=figure.axes, fraction=0.11, pad=0.02, aspect=20 * rows).ax
     bar_axes.set_ylabel(bar, fontsize=10)
     bar_axes.tick_params(labelsize=9)
-    handles: list[Any] = [Line2D([], [], color=_BLACK, label=name, **line)
-                          for name, line in LINES.items() if limits]
+    handles: list[Any] = []
+    if with_boundary:
+        handles += [Line2D([], [], color=_BOUNDARY_COLOUR, label=name, **line)
+                    for name, line in BOUNDARY_LINES.items()]
     if not np.isfinite(numbers[list(variants)]).all():
         handles.append(Patch(**_HATCHED, label=NO_NUMBER))
     legend(figure, handles)
     return figure
 
 
-def _boundary(ax: Axes, failed: Counts, runs: Counts) -> None:
+def _draw_boundary(ax: Axes, failed: Counts, runs: Counts) -> None:
     """Draw where half of the runs fail, and its interval."""
     x, y = ([-0.5, *range(n), n - 0.5] for n in reversed(runs.shape))
-    for values, style in zip((share(failed, runs), *wilson(failed, runs)), LINES.values()):
-        # As far as the ends of the cells.
+    shares = failure_share(failed, runs), *wilson_interval(failed, runs)
+    for values, style in zip(shares, BOUNDARY_LINES.values()):
+        # Padded, lines reach the ends of the cells.
         z = np.pad(np.where(runs > 0, values, np.nan), 1, mode='edge')
-        if (z < LEVEL).any() and (z >= LEVEL).any():
-            ax.contour(x, y, np.ma.masked_invalid(z), [LEVEL - 1e-9], colors=_BLACK,
-                       linestyles=style['linestyle'], linewidths=style['linewidth'])
+        if (z < PASSING_SHARE).any() and (z >= PASSING_SHARE).any():
+            ax.contour(x, y, np.ma.masked_invalid(z), [PASSING_SHARE - 1e-9],
+                       colors=_BOUNDARY_COLOUR, linestyles=style['linestyle'],
+                       linewidths=style['linewidth'])
 
 
-def error_map(data: MapData) -> Figure:
-    """Draw the median error, colours on a logarithmic scale that all panels share."""
+def draw_errors(data: MapData) -> Figure:
+    """Draw the median error, in colours of one logarithmic scale."""
     positive = data.median[np.isfinite(data.median) & (data.median > 0.0)]
     low, high = (positive.min(), positive.max()) if len(positive) else (1e-3, 1.0)
-    return maps(data, 'RMS error', np.maximum(data.median, low), 'median of the RMS error [rad]',
-                range(len(data.variants)), norm=LogNorm(low, max(high, 1.3 * low)),
-                cmap='viridis')
+    return draw_cells(
+        data, 'RMS error', np.maximum(data.median, low), 'median of the RMS error [rad]',
+        range(len(data.variants)), norm=LogNorm(low, max(high, 1.3 * low)), cmap='viridis')
 
 
-def failure_map(data: MapData) -> Figure:
+def draw_failures(data: MapData) -> Figure:
     """Draw the share of failures with its boundary, and the interval of this."""
-    return maps(data, 'Failure probability', data.probability, 'share of runs that fail',
-                range(len(data.variants)), True, cmap=_SHARES, norm=Normalize(0.0, 1.0))
+    # Colours on which the boundary is distinct.
+    colours = ListedColormap(colormaps['Oranges'](np.linspace(0.0, 0.6, 256)))
+    return draw_cells(
+        data, 'Failure probability', data.probability, 'share of runs that fail',
+        range(len(data.variants)), with_boundary=True, cmap=colours, norm=Normalize(0.0, 1.0))
 
 
-def gain_map(data: MapData, base: int) -> Figure:
+def draw_gain(data: MapData, base: int) -> Figure:
     """Draw by how many decades the median error is less than that of the base."""
-    name, others = data.variants[base], [v for v in range(len(data.variants)) if v != base]
+    name = data.variants[base]
+    compared = [v for v in range(len(data.variants)) if v != base]
     with np.errstate(divide='ignore', invalid='ignore'):
         gain = np.log10(data.median[base]) - np.log10(data.median)
-    finite = np.abs(gain[others][np.isfinite(gain[others])])
-    most = finite.max(initial=0.1)
-    return maps(data, f'Gain against {name}', np.clip(gain, -most, most),
-                f'decades less error than {name}', others, norm=Normalize(-most, most),
-                cmap='RdBu')
+    finite = np.abs(gain[compared][np.isfinite(gain[compared])])
+    largest = finite.max(initial=0.1)
+    return draw_cells(
+        data, f'Gain against {name}', np.clip(gain, -largest, largest),
+        f'decades less error than {name}', compared, norm=Normalize(-largest, largest),
+        cmap='RdBu')
 
 
 def figures(data: MapData) -> Iterator[tuple[str, Figure, str]]:
-    """Yield file name, figure and caption; none without axes, and for more than three."""
+    """Yield name, figure and caption; none without axes, and for more than three."""
     if len(data.axes) == 1:
-        yield 'lines', lines(data), (
-            'Above: error of the worst joint: median, × where half of the runs or more diverged, '
-            'and 5 % to 95 %. Below: share of runs that fail, with intervals. Marks are aside.')
-    elif 1 < len(data.axes) <= _MOST_AXES:
-        left_out = ''
-        if len(data.axes) > 2 and len(data.axes[2].values) > THIRD:
-            left_out = f' Of {data.axes[2].name}, {THIRD} of {len(data.axes[2].values)} values.'
-        yield 'error', error_map(data), (
-            'Median of the RMS error of the worst joint; all panels have the same colours. A '
-            f'median hides single runs; they show among the failures.{left_out}')
-        yield 'failure', failure_map(data), (
-            f'Share of failures among {data.runs.max()} runs at each point. Solid: a half; dashed '
-            'and dotted: the 95 % interval (Wilson) of a point by itself ends there, between '
-            f'them the runs do not decide.{left_out}')
-        if data.base is not None and len(data.variants) > 1:
-            yield 'gain', gain_map(data, data.base), (
-                'log₁₀ of the ratio of median errors at the same point. Blue: the law has the '
-                'smaller one; 1 is ten times smaller. The strongest blue or red also where only '
-                f'one of both diverged; hatched where both did.{left_out}')
+        yield 'lines', draw_lines(data), (
+            'The upper panel shows the error of the worst joint: its median, × where half of the '
+            'runs or more diverged, and 5 % to 95 %. The lower panel shows the share of runs that '
+            'fail, with intervals. The marks of different laws are shifted sideways.')
+    if len(data.axes) not in (2, 3):
+        return
+    omitted = ''
+    if len(data.axes) == 3 and len(data.axes[2].values) > MAX_THIRD_VALUES:
+        axis = data.axes[2]
+        omitted = f' {MAX_THIRD_VALUES} of {len(axis.values)} values of {axis.name} are shown.'
+    yield 'error', draw_errors(data), (
+        'Median of the RMS error of the worst joint. All panels have the same colours. A median '
+        f'hides single runs, which show among the failures.{omitted}')
+    yield 'failure', draw_failures(data), (
+        f'Share of failures among {data.runs.max()} runs at each point. Half of the runs fail on '
+        'the solid line. The 95 % interval (Wilson) of a single point ends at the dashed and '
+        f'dotted lines. Between them the runs do not decide.{omitted}')
+    if data.base is not None and len(data.variants) > 1:
+        yield 'gain', draw_gain(data, data.base), (
+            'log₁₀ of the ratio of median errors at the same point. In blue the law has the '
+            'smaller error, and 1 is ten times smaller. The strongest blue or red also shows '
+            f'where only one of both diverged. Where both did, the cell is hatched.{omitted}')

@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Page of a map: how often laws fail, where they are worse than the paper's, what was run."""
+"""
+Page of a map.
+
+`compute_map` calls `write_report` with the rows of `map.parquet`. The page shows how often laws
+fail, where they are worse than the paper's, and what was run.
+"""
 
 from __future__ import annotations
 
@@ -24,9 +29,17 @@ from ctc_chattering.analysis.drawing import save
 from ctc_chattering.analysis.page import FigureFile, Folded, Section, write_page
 from ctc_chattering.analysis.tables import Table, two_lines
 from ctc_chattering.number_format import format_count
-from ctc_chattering.runs.map_data import against, KINDS, MapData, passing, pooled, sobol_table
+from ctc_chattering.runs.map_data import (
+    compare_with_base,
+    KINDS,
+    MapData,
+    passing_values,
+    pooled_interval,
+    sobol_table,
+    spaced_indices,
+)
 from ctc_chattering.runs.map_figures import figures
-from ctc_chattering.runs.spec import MapSpec, rows_of
+from ctc_chattering.runs.spec import MapSpec, spec_rows
 from ctc_chattering.runs.store import FIGURES, JSON, PAGE, TABLE
 import matplotlib
 import numpy as np
@@ -40,15 +53,15 @@ def write_report(spec: MapSpec, table: Any, directory: Path, extra: str = 'svg',
     Parameters
     ----------
     spec : MapSpec
-        What was run.
+        Spec of the map.
     table : pyarrow.Table
         Its rows.
     directory : Path
-        Of the results.
+        Folder of the results.
     extra : str
-        A second format of the figures: ``pdf`` or ``png``.
+        A second format of the figures, ``pdf`` or ``png``.
     command : str
-        What was run.
+        Command line.
 
     Raises
     ------
@@ -61,7 +74,7 @@ def write_report(spec: MapSpec, table: Any, directory: Path, extra: str = 'svg',
                    spec.repeats.sampling == 'saltelli')
     with matplotlib.rc_context({'svg.hashsalt': 'map'}):  # Equal data give equal files.
         files = save(figures(data), directory / FIGURES, ('svg', extra))
-    write_map_page(data, files, directory / PAGE, dict(rows_of(spec.tree)), command)
+    write_map_page(data, files, directory / PAGE, dict(spec_rows(spec.tree)), command)
     return directory / PAGE
 
 
@@ -73,15 +86,15 @@ def write_map_page(data: MapData, files: Sequence[FigureFile], path: Path,
     Parameters
     ----------
     data : MapData
-        Of the map.
+        Numbers of the map.
     files : sequence of FigureFile
-        Linked relative to the page, the first at the top.
+        Figures, linked relative to the page. The first is at the top.
     path : Path
         The page, for example ``out/index.html``.
     facts : mapping of str to str
-        What was run, besides numbers of runs.
+        Spec, besides numbers of runs.
     command : str
-        What was run.
+        Command line.
 
     Raises
     ------
@@ -89,11 +102,11 @@ def write_map_page(data: MapData, files: Sequence[FigureFile], path: Path,
         If the file cannot be written.
 
     """
-    boundaries = list(_boundaries(data))
+    boundaries = list(_passing_tables(data))
     sobol = sobol_table(data)
     write_page(
         path, headline(data), lead(data), [
-            Section('Result', [*files[:1], failures(data), *against_base(data)]),
+            Section('Result', [*files[:1], failure_table(data), *base_tables(data)]),
             Section('Further figures', files[1:]),
             Section('Further numbers', [
                 *(Folded(x.title, [x._replace(title='')], len(boundaries) == 1)
@@ -105,62 +118,72 @@ def write_map_page(data: MapData, files: Sequence[FigureFile], path: Path,
 def headline(data: MapData) -> str:
     """Return how often the best and the worst law fail."""
     failed = (data.rows['failure'] != '').groupby(data.rows['variant'], sort=False).mean()
-    shown = dict.fromkeys((failed.idxmin(), failed.idxmax()))
+    laws = dict.fromkeys((failed.idxmin(), failed.idxmax()))
     return ', '.join(f'{law} {"" if k else "fails "}in {100.0 * failed[law]:.1f} %'
-                     for k, law in enumerate(shown)) + ' of the runs'
+                     for k, law in enumerate(laws)) + ' of the runs'
 
 
 def lead(data: MapData) -> str:
-    axes = ' × '.join(axis.name for axis in data.axes)
-    return (f'{format_count(len(data.variants), "law")}'
-            + (f' over {axes}, {format_count(int(np.prod(data.shape)), "point")}' if axes else '')
-            + f': {format_count(len(data.rows), "run")}'
-            + (' near the boundary only: any other point is shown as the nearest one that was '
-               'run, and shares are of the runs made.' if data.refined else '.'))
+    """Return the size of the map in a sentence."""
+    text = format_count(len(data.variants), 'law')
+    if data.axes:
+        axes = ' × '.join(axis.name for axis in data.axes)
+        text += f' over {axes}, {format_count(int(np.prod(data.shape)), "point")}'
+    text += f': {format_count(len(data.rows), "run")}'
+    if not data.refined:
+        return f'{text}.'
+    return (f'{text} near the boundary only. Any other point is shown as the nearest one that was '
+            'run. Shares are those of the runs made.')
 
 
-def failures(data: MapData) -> Table:
-    """Return the table of failures: a row a variant, a column a kind."""
-    used = [kind for kind in KINDS if (data.rows['failure'] == kind).any()]
+def failure_table(data: MapData) -> Table:
+    """Return the table of failures, a row a variant and a column a kind."""
+    kinds = [name for name in KINDS if (data.rows['failure'] == name).any()]
     rows = []
     for v, name in enumerate(data.variants):
-        mine, failure = data.of(v), data.of(v)['failure']
-        error = np.sort(mine['error'])
-        rows.append([name, f'{len(mine)}', *(
-            _share(failed, mine['repeat']) for failed in (
-                failure != '', *(failure == kind for kind in used))),
-            two_lines(*(f'{x:.2e}' if np.isfinite(x) else 'diverged' for x in (
-                error[int(np.ceil(q * len(error))) - 1] for q in (0.5, 0.95))))])
-    return Table('', ['law', 'runs', 'fail', *used, 'median error [rad], 95 % quantile'], rows,
-                 note='Below each share: its 95 % interval for other draws on this grid, as wide '
-                 'as the draws differ; none for one draw. A run counts under the first kind that '
-                 'applies; one that diverged has an infinite error.')
+        runs = data.variant_rows(v)
+        failure = runs['failure']
+        failed = [failure != '', *map(failure.eq, kinds)]
+        error = np.sort(runs['error'])
+        quantiles = [error[int(np.ceil(q * len(error))) - 1] for q in (0.5, 0.95)]
+        rows.append([
+            name, f'{len(runs)}', *(_share_text(x, runs['repeat']) for x in failed),
+            two_lines(*(f'{x:.2e}' if np.isfinite(x) else 'diverged' for x in quantiles))])
+    return Table(
+        '', ['law', 'runs', 'fail', *kinds, 'median error [rad], 95 % quantile'], rows, note=(
+            'Below each share is its 95 % interval for other draws on this grid, as wide as the '
+            'draws differ. A single draw has none. A run counts under the first kind that '
+            'applies. One that diverged has an infinite error.'))
 
 
-def _share(failed: Any, repeat: Any) -> str:
+def _share_text(failed: Any, repeat: Any) -> str:
     """Return the share of runs that failed, with its interval, if there is one."""
     draws = failed.groupby(repeat).agg(['sum', 'count'])
-    low, high = (100.0 * x for x in pooled(draws['sum'], draws['count']))
+    low, high = pooled_interval(draws['sum'], draws['count'])
     share = f'{100.0 * failed.mean():.1f} %'
-    return share if np.isnan(low) else two_lines(share, f'{low:.1f} to {high:.1f}')
+    if np.isnan(low):
+        return share
+    return two_lines(share, f'{100.0 * low:.1f} to {100.0 * high:.1f}')
 
 
-def against_base(data: MapData) -> Iterator[Table]:
+def base_tables(data: MapData) -> Iterator[Table]:
     """Yield the table of the laws against the base, if there are both."""
     if data.base is None or len(data.variants) == 1:
         return
     base = data.variants[data.base]
+    counts = compare_with_base(data, data.base)
     yield Table(f'Against {base}', ['law', 'runs', 'only the law fails', f'only {base} fails'],
-                [[law, *map(str, x)] for law, x in against(data, data.base).iterrows()],
-                note='Runs at the same point, with the same draw and the same noise.')
+                [[law, *map(str, row)] for law, row in counts.iterrows()],
+                note='Both runs of a pair have the same point, draw and noise.')
 
 
-def _boundaries(data: MapData) -> Iterator[Table]:
-    """Yield a table for each axis: which of its values pass, at values of the others."""
+def _passing_tables(data: MapData) -> Iterator[Table]:
+    """Yield a table for each axis of the values that pass, at up to 60 values of the others."""
     for k, axis in enumerate(data.axes):
-        rows, count = passing(data, k)
-        others = ', '.join(x.name for x in data.axes if x is not axis)
+        values = passing_values(data, k)
+        rows = spaced_indices(len(values), 60)
         yield Table(
             f'Values of {axis.label} at which less than half of the runs fail',
-            [others, *data.variants], [[name or axis.label, *cells] for name, cells in rows],
-            note=f'{len(rows)} of {count} rows.' if len(rows) < count else '')
+            [', '.join(x.name for x in data.axes if x is not axis), *data.variants],
+            [[values.index[row] or axis.label, *values.iloc[row]] for row in rows],
+            note=f'{len(rows)} of {len(values)} rows.' if len(rows) < len(values) else '')

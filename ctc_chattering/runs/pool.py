@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Tasks computed by dask: by processes of this machine, or by a cluster that is there."""
+"""
+Tasks in processes of this machine or a cluster.
+
+`workers` yields a client, and `run_on_workers` sends it tasks. With
+one process, `run_serially` computes them here.
+"""
 
 from __future__ import annotations
 
@@ -33,31 +38,29 @@ if TYPE_CHECKING:
     from distributed import Client
 
 R = TypeVar('R')
-#: Time to connect [s].
-_CONNECT = 10
 
 
-def serially(function: Callable[..., R], tasks: Iterable[Any], *shared: Any) -> Iterator[R]:
-    """Return what `function` makes of `shared` and every task, in this process."""
+def run_serially(function: Callable[..., R], tasks: Iterable[Any], *shared: Any) -> Iterator[R]:
+    """Return the results of every task in this process."""
     return map(partial(function, *shared), tasks)
 
 
 @contextmanager
 def processes(jobs: int) -> Iterator[Callable[..., Iterator[Any]]]:
     """
-    Yield what computes tasks, for several calls: `computed` by processes, or `serially`.
+    Yield a function that computes tasks, for several calls.
 
     Parameters
     ----------
     jobs : int
-        Processes; 1 for this one alone.
+        Processes: `run_on_workers` of so many, or `run_serially` for 1.
 
     """
     if jobs <= 1:
-        yield serially
+        yield run_serially
         return
     with workers(jobs) as client:
-        yield partial(computed, client)
+        yield partial(run_on_workers, client)
 
 
 @contextmanager
@@ -68,9 +71,9 @@ def workers(jobs: int, address: str | None = None) -> Iterator[Client]:
     Parameters
     ----------
     jobs : int
-        Processes of this machine, one thread each; one that is killed is replaced.
+        Processes of this machine, one thread each. A killed one is replaced.
     address : str, optional
-        Of the scheduler of a cluster, in place of them; ``tcp://host:port``.
+        Address of a cluster's scheduler, ``tcp://host:port``, in place of them.
 
     Raises
     ------
@@ -79,17 +82,10 @@ def workers(jobs: int, address: str | None = None) -> Iterator[Client]:
 
     """
     from distributed import Client, LocalCluster
-    from distributed.comm.addressing import parse_address, parse_host_port
-    for name in ('distributed', 'distributed.client'):  # They log what is raised, too.
+    for name in ('distributed', 'distributed.client'):  # They also log each error that they raise.
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     if address is not None:
-        try:
-            parse_host_port(parse_address(address)[1])
-            client = Client(address, timeout=_CONNECT, set_as_default=False)
-        except Exception as error:  # What is no scheduler may have sent anything.
-            text = ' '.join(str(error).split())
-            raise CtcError(f'--scheduler {address}: no scheduler answers: {text}') from None
-        with client:
+        with _connect(address) as client:
             yield client
         return
     with _without_interrupts(), as_ctc_error('the processes that compute cannot be started'):
@@ -100,13 +96,29 @@ def workers(jobs: int, address: str | None = None) -> Iterator[Client]:
         yield client
 
 
+def _connect(address: str) -> Client:
+    """
+    Return a client of the scheduler at an address.
+
+    Raise `CtcError` if none answers.
+    """
+    from distributed import Client
+    from distributed.comm.addressing import parse_address, parse_host_port
+    try:
+        parse_host_port(parse_address(address)[1])
+        return Client(address, timeout=10, set_as_default=False)  # [s]
+    except Exception as error:  # Another program at the address may have sent anything.
+        text = ' '.join(str(error).split())
+        raise CtcError(f'--scheduler {address}: no scheduler answers: {text}') from None
+
+
 @contextmanager
 def _without_interrupts() -> Iterator[None]:
     """
     Leave Ctrl-C to this thread alone.
 
-    Threads inherit the mask of the thread that starts them, and processes that of a thread: those
-    of the workers do not get the signal, those that replace killed ones neither.
+    Threads inherit the mask of the thread that starts them, and processes that of a thread. So the
+    workers do not get the signal, nor do those that replace killed ones.
     """
     resource_tracker.ensure_running()  # When it starts, it would unmask the signal.
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -117,17 +129,21 @@ def _without_interrupts() -> Iterator[None]:
 
 
 def threads(client: Client, say: Callable[[str], None]) -> int:
-    """Return the number of threads that compute; with none, `say` a line and wait for one."""
+    """
+    Return the number of threads that compute.
+
+    With none, `say` a line and wait for one.
+    """
     if not client.nthreads():
         say(f'waiting for workers at {client.scheduler.address}')
         client.wait_for_workers(1)
     return sum(client.nthreads().values())
 
 
-def computed(client: Client, function: Callable[..., R], tasks: Iterable[Any], *shared: Any
-             ) -> Iterator[R]:
+def run_on_workers(client: Client, function: Callable[..., R], tasks: Iterable[Any], *shared: Any
+                   ) -> Iterator[R]:
     """
-    Yield what `function` makes of every task, in their order.
+    Yield the results of every task in order.
 
     The task of a worker that is killed goes to another, or waits for one.
 
@@ -136,11 +152,11 @@ def computed(client: Client, function: Callable[..., R], tasks: Iterable[Any], *
     client : Client
         As `workers` yields it.
     function : callable
-        Of a module's top level; called with `shared`, then the task.
+        Function of a module's top level. It is called with `shared`, then the task.
     tasks : iterable
         Arguments.
     shared : object
-        Sent to every worker once.
+        Arguments that are sent to every worker once.
 
     Raises
     ------
@@ -148,21 +164,15 @@ def computed(client: Client, function: Callable[..., R], tasks: Iterable[Any], *
         If a task raises one, kills one worker after the other, or the scheduler is lost.
 
     """
-    with _refusals():
-        common = [client.submit(copy, x, pure=False) for x in shared]
-        futures = deque(client.submit(function, *common, task, pure=False) for task in tasks)
-        while futures:
-            yield futures.popleft().result()
-
-
-@contextmanager
-def _refusals() -> Iterator[None]:
-    """Turn what dask raises of a task, or without a scheduler, into a `CtcError`."""
     from distributed import KilledWorker
     from distributed.comm import CommClosedError
     with as_ctc_error('a worker failed'):
         try:
-            yield
+            arguments = [client.submit(copy, x, pure=False) for x in shared]
+            futures = deque(
+                client.submit(function, *arguments, task, pure=False) for task in tasks)
+            while futures:
+                yield futures.popleft().result()
         except KilledWorker as error:
             raise CtcError(f'{error.allowed_failures + 1} workers were killed while they computed '
                            'the same task; is there enough memory?') from None

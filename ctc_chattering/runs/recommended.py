@@ -13,18 +13,19 @@
 # limitations under the License.
 
 """
-Recommended gains for the setup of a parameter file, and the variants of a comparison.
+Laws of runs, and their recommended gains.
 
-`ctc compare`, `tune` and `map` take gains from here. The rules are in
-`control/recommended_gains.py`; `known_loop` says what they may know of the robot.
+`ctc compare`, `tune` and `map` name each law, switching and source of gains by `LawSettings`. The
+rules of the gains are in `control/recommended_gains.py`. `known_loop` hands them what a controller
+may know of its robot.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 import dataclasses
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.laws.registry import BASELINE_LAW, law_class
@@ -40,74 +41,109 @@ from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.trajectory.reference import make_motion
 import numpy as np
 
-#: Where the gains of a comparison come from.
-GAINS = FILE, RECOMMENDED = 'file', 'recommended'
+#: Gains of the parameter file.
+FILE = 'file'
+#: Gains by the rule of the law.
+RECOMMENDED = 'recommended'
+#: Sources of gains.
+GAIN_SOURCES = (FILE, RECOMMENDED)
 
 
-class Variant(NamedTuple):
-    """A law with its switching, '' for one without, and the source of its gains."""
+@dataclasses.dataclass(frozen=True)
+class LawSettings:
+    """
+    A law with its switching and gains.
+
+    Attributes
+    ----------
+    law, switching : str
+        Law at the start. The switching is empty for a law without.
+    gain_source : str
+        One of `GAIN_SOURCES`.
+    values : mapping
+        Parameters of the controller that win over these gains.
+    name : str
+        Name in tables.
+
+    """
 
     law: str
-    switching: str
-    settings: str
+    switching: str = ''
+    gain_source: str = FILE
+    values: Mapping[str, Any] = dataclasses.field(default_factory=dict, hash=False)
+    name: str = ''
 
     @property
-    def values(self) -> dict[str, Any]:
-        """Return the parameters of the controller that choose the law."""
-        return {'law': self.law, **({'switching': self.switching} if self.switching else {})}
+    def is_recommended(self) -> bool:
+        """Use of the gains by the law's rule."""
+        return self.gain_source == RECOMMENDED
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """Columns of a comparison that tell the laws."""
+        return {'law': self.law, 'switching': self.switching, 'settings': self.gain_source}
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """Parameters of the controller, law and switching included."""
+        switching = {'switching': self.switching} if self.switching else {}
+        return {'law': self.law, **switching, **self.values}
 
 
-#: The variant to which all others are compared.
-BASE = Variant(BASELINE_LAW, '', FILE)
-#: The variant whose torque variation measures that of all others.
-BEST = Variant(RECOMMENDED_LAW, '', RECOMMENDED)
+#: The law to which all others are compared.
+BASELINE = LawSettings(BASELINE_LAW)
+#: The law whose torque variation measures that of all others.
+BEST = LawSettings(RECOMMENDED_LAW, '', RECOMMENDED)
 
 
-def desired_points(setup: Setup, duration: float, count: int
-                   ) -> Iterator[tuple[list[float], list[float], list[float]]]:
-    """Yield q_d, dq_d and ddq_d of the controller's joints at instants of a duration [s]."""
+def desired_points(setup: Setup, duration: float, count: int) -> Iterator[list[list[float]]]:
+    """Yield q_d, dq_d and ddq_d at instants of the motion."""
     plant, reference = setup.plant, setup.reference
-    start = dict(zip(plant.joint_names, zip(plant.initial_position, plant.initial_velocity)))
+    states = zip(plant.initial_position, plant.initial_velocity)
+    start = dict(zip(plant.joint_names, states))
     motion = make_motion(reference, setup.route, start, continuous=setup.continuous)
     order = [reference.joint_names.index(name) for name in setup.controller.joint_names]
     for t in np.linspace(0.0, 1e9 * duration, count).astype(int).tolist():
-        q, dq, ddq = ([row[i] for i in order] for row in motion.at(t))
-        yield q, dq, ddq
+        yield [[row[i] for i in order] for row in motion.at(t)]
 
 
 def largest_torque(setup: Setup) -> Array:
-    """Return the largest torque that the model takes in the motion, shape (n,) [N·m]."""
+    """Return the model's largest torque in the motion [N·m]."""
     model = model_of(setup.controller, setup.descriptions.get('controller', ''))
-    torques = [model.inverse_dynamics(q, dq, ddq)
-               for q, dq, ddq in desired_points(setup, setup.plant.duration, 500)]
+    points = desired_points(setup, setup.plant.duration, 500)
+    torques = [model.inverse_dynamics(*point) for point in points]
     largest: Array = np.abs(torques).max(axis=0)
     return largest
 
 
 def known_loop(setup: Setup) -> KnownLoop:
-    """Return what the controller is configured with, and the sensors and motion of its robot."""
+    """Return the knowledge that rules of gains may use."""
     resolution = max(*setup.plant.encoder_resolution, *setup.plant.position_noise)
     return KnownLoop(setup.controller, partial(largest_torque, setup), resolution)
 
 
 def gains_by_rule(setup: Setup, law: str = '') -> dict[str, Any]:
-    """Return the gains of a law by its rule, as parameters; by default the law in force."""
+    """
+    Return the gains of a law by its rule.
+
+    The default is the law in force.
+    """
     return recommended_gains(law or setup.controller.law, known_loop(setup))
 
 
 def recommended_setup(setup: Setup, law: str) -> Setup:
     """
-    Return a setup with a law and its gains by the rule, for a controller that knows its drives.
+    Return a setup with a law and recommended gains.
 
-    What is known of drives and friction is taken from the plant.
+    Knowledge of drives and friction is taken from the plant.
     """
     plant, config = setup.plant, setup.controller.changed({'law': law})
-    known = {'law': law, 'actuator_lag': plant.actuator_lag,
-             'torque_rate_limit': plant.torque_rate_limit}
+    knowledge = {'law': law, 'actuator_lag': plant.actuator_lag,
+                 'torque_rate_limit': plant.torque_rate_limit}
     if 'switching' in config.law_parameters:
-        known['switching'] = RECOMMENDED_SWITCHING
+        knowledge['switching'] = RECOMMENDED_SWITCHING
     friction = {'friction_level': plant.coulomb_friction}
-    values = known | gains_by_rule(setup.changed({'controller': {**known, **friction}}))
+    values = knowledge | gains_by_rule(setup.changed({'controller': knowledge | friction}))
     rule = gain_rule(law)
     if rule.knows_friction:
         values |= friction

@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Runs of the nodes: the experiments of the paper."""
+"""
+The experiments of the paper on the nodes, over ROS.
+
+`ctc reproduce` calls `record` and draws the bags. `reproduce` does the same for a script.
+"""
 
 from __future__ import annotations
 
@@ -38,21 +42,21 @@ def reproduce(out: str | Path, progress: Progress | None = None, overwrite: bool
     """
     Run the paper's experiments on the nodes, over ROS, and record them.
 
-    `simulate` gives the same numbers without ROS; `write_runs` makes figures and a page.
+    `simulate` gives the same numbers without ROS, and `write_runs` makes figures and a page.
 
     Parameters
     ----------
     out : str or Path
-        Directory for ``bags``, one of each experiment.
+        Directory for ``bags``, with one of each experiment.
     progress : callable, optional
-        Called now and then with the name of an experiment, its time and its duration [s].
+        Called with the name of an experiment, its time and its duration [s].
     overwrite : bool
-        Replace what an earlier call has written there.
+        Replace the files of an earlier call.
 
     Returns
     -------
     list of Result
-        One of each experiment.
+        Result of each experiment.
 
     Raises
     ------
@@ -67,19 +71,19 @@ def reproduce(out: str | Path, progress: Progress | None = None, overwrite: bool
 
 
 def record(directory: Path, progress: Progress | None = None) -> list[Result]:
-    """Run the experiments; record a bag of each in a directory, as `reproduce` does."""
+    """Run the experiments, and record a bag of each in a directory."""
     from ctc_chattering.bags.reader import read_bag
     from ctc_chattering.launch.graph import run_graph
 
     bags = [directory / name for name in EXPERIMENTS]
-    # Another graph on this host may run meanwhile.
-    ours = '--ros-args', '-r', f'__ns:=/reproduction_{os.getpid()}'
+    # Another graph may run on this host.
+    namespace = '--ros-args', '-r', f'__ns:=/reproduction_{os.getpid()}'
     for (file, values), bag in zip(EXPERIMENTS.values(), bags):
         setup = parameter_file.load(find_config(file), {'controller': values})
 
         def moved(time: float, name: str = bag.name, end: float = setup.plant.duration) -> None:
             if progress is not None:
                 progress(name, time, end)
-        run_graph(setup, bag, ours, moved, lambda _: None)
+        run_graph(setup, bag, namespace, moved, lambda _: None)
         moved(setup.plant.duration)
     return [read_bag(bag) for bag in bags]

@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A run and its numbers, and the columns of tables with a row a run."""
+"""
+Numbers of one run, and their columns in tables.
+
+`score` simulates a setup and evaluates it. `run_lists` makes the row of a table from its `Score`.
+"""
 
 from __future__ import annotations
 
@@ -31,40 +35,64 @@ from ctc_chattering.simulation.closed_loop import Array, Run
 import numpy as np
 
 #: Types of columns by those of Python.
-TYPES = {int: 'int64', str: 'string', float: 'float64'}
-INTEGER, TEXT, NUMBER = TYPES.values()
-#: Columns and units of what each joint has, by its name in `Score`; `analysis.metrics` has the
+COLUMN_TYPES = {int: 'int64', str: 'string', float: 'float64'}
+#: Columns and units of what each joint has, by its name in `Score`. `analysis.metrics` has the
 #: first five by the same names.
-PER_JOINT = {'rms': ('rms_error_rad', 'rad'), 'rms_torque': ('rms_torque_nm', 'N*m'),
-             'variation': ('torque_variation_nm_per_s', 'N*m/s'),
-             'step': ('max_torque_step_nm', 'N*m'), 'rate': ('max_torque_rate_nm_per_s', 'N*m/s'),
-             'peak': ('peak_torque_nm', 'N*m'),
-             'peak_rate': ('peak_torque_rate_nm_per_s', 'N*m/s'), 'slips': ('slips_per_s', '1/s')}
+PER_JOINT = {
+    'rms': ('rms_error_rad', 'rad'),
+    'rms_torque': ('rms_torque_nm', 'N*m'),
+    'variation': ('torque_variation_nm_per_s', 'N*m/s'),
+    'step': ('max_torque_step_nm', 'N*m'),
+    'rate': ('max_torque_rate_nm_per_s', 'N*m/s'),
+    'peak': ('peak_torque_nm', 'N*m'),
+    'peak_rate': ('peak_torque_rate_nm_per_s', 'N*m/s'),
+    'slips': ('slips_per_s', '1/s')}
 #: Columns of what there is once, with type and unit, by its name in `Score`.
-OVERALL = {'norm1': ('max_error_norm1_rad', (NUMBER, 'rad')),
-           'reaching_time': ('reaching_time_s', (NUMBER, 's')),
-           'missing': ('missing_samples', (INTEGER, ''))}
-#: Rest of the reference after which slips count [s], and velocity of one [rad/s].
-_SETTLED, _SLIP = 0.3, 1e-3
-#: Part of a limit from which a torque is at it.
-_AT_LIMIT = 1.0 - 1e-9
-#: Runs a setup; returns what happened.
+OVERALL = {
+    'norm1': ('max_error_norm1_rad', ('float64', 'rad')),
+    'reaching_time': ('reaching_time_s', ('float64', 's')),
+    'missing': ('missing_samples', ('int64', ''))}
+#: Columns that tell a run of a map, before the axes and uncertain quantities.
+RUN_COLUMNS = ('run', 'point', 'repeat', 'seed', 'variant', 'law', 'switching')
+#: Runs a setup, and returns the result.
 Runner = Callable[[Setup], Result]
-#: Of each joint, shape (n,).
+#: A number of each joint, shape (n,).
 Joints = tuple[float, ...]
 
 
 class Score(NamedTuple):
     """
-    The numbers of a run, or the worst of several; those of each joint have the shape (n,).
+    Numbers of a run, or the worst of several.
 
-    In the window: RMS of the error [rad] and the torque [N·m], torque variation [N·m/s], largest
-    step [N·m] and rate [N·m/s] of the torque sent, largest Σ |e_i| [rad], number of missing
-    samples, the part of the samples with a torque at its limit, stick-slips a second where the
-    reference rests, and the largest of the joints' `error_shares`. In the whole run: largest
-    torque [N·m] and rate [N·m/s], and the time when v is reached [s]. `failure` says why there are
-    none of these, and `engine` how it was simulated, by `MACHINE_CODE` or `PLAIN_PYTHON`; empty
-    where it failed.
+    Those of each joint have the shape (n,).
+
+    Attributes
+    ----------
+    rms : tuple of float
+        RMS of the error in the window [rad].
+    rms_torque : tuple of float
+        RMS of the torque there [N·m].
+    variation, step, rate : tuple of float
+        Torque variation [N·m/s], largest step [N·m] and rate [N·m/s] of the torque sent there.
+    peak, peak_rate : tuple of float
+        Largest torque [N·m] and rate [N·m/s] of the whole run.
+    norm1 : float or None
+        Largest Σ |e_i| in the window [rad].
+    reaching_time : float or None
+        Time when v is reached, in the whole run [s].
+    missing : int or None
+        Number of missing samples in the window.
+    saturated : float or None
+        Part of its samples with a torque at its limit.
+    slips : tuple of float
+        Stick-slips a second where the reference rests in the window.
+    error_share : float
+        Largest of the joints' `error_shares`.
+    failure : str
+        Reason why there are no numbers. It is empty if there are.
+    engine : str
+        `MACHINE_CODE` or `PLAIN_PYTHON`. It is empty where the run failed.
+
     """
 
     rms: Joints = ()
@@ -85,110 +113,121 @@ class Score(NamedTuple):
 
     @property
     def error(self) -> float:
-        """Return the largest RMS error of any joint [rad]; inf if it failed."""
+        """Largest RMS error of any joint [rad], inf if it failed."""
         return max(self.rms, default=inf)
 
 
-def over_simulation(setup: Setup) -> Result:
-    """Simulate without ROS, and return what happens; the states are the true ones."""
+def simulate_truth(setup: Setup) -> Result:
+    """Simulate without ROS, with true states."""
     return simulate(setup, truth=True)
 
 
-def score(setup: Setup, window: tuple[float, float] = WINDOW, run: Runner = over_simulation,
+def score(setup: Setup, window: tuple[float, float] = WINDOW, run: Runner = simulate_truth,
           across_gaps: bool = False) -> Score:
     """
-    Run a setup, and return its numbers or why it has none.
+    Run a setup, and return its numbers or failure.
 
     Parameters
     ----------
     setup : Setup
-        What to run.
+        The loop.
     window : (float, float)
         Evaluated interval [s].
     run : callable
-        `over_simulation`, or another `Runner`.
+        `simulate_truth`, or another `Runner`.
     across_gaps : bool
-        Whether variation, steps and rates are those of neighbours with samples missing in
-        between, too.
+        Whether variation, steps and rates also count neighbours with samples missing between.
 
     Raises
     ------
     MachineError
-        If the machine cannot run it: that is no property of the run.
+        If the machine cannot run it, which is no property of the run.
 
     """
     try:
         with as_ctc_error('the run failed'), np.errstate(all='ignore'):
             period = None if across_gaps else setup.controller.control_period
-            made = run(setup).run
-            found = _numbers(made, setup, window, period)
+            finished = run(setup).run
+            numbers = _evaluate(finished, setup, window, period)
     except MachineError:
         raise
     except CtcError as error:
         return Score(failure=str(error))
-    return found._replace(engine=MACHINE_CODE if made.compiled else PLAIN_PYTHON)
+    return numbers._replace(engine=MACHINE_CODE if finished.compiled else PLAIN_PYTHON)
 
 
-def _numbers(run: Run, setup: Setup, window: tuple[float, float], period: float | None) -> Score:
-    """Return the numbers of a run; raise `CtcError` if it has no finite error."""
+def _evaluate(run: Run, setup: Setup, window: tuple[float, float], period: float | None) -> Score:
+    """
+    Return the numbers of a run.
+
+    Raise `CtcError` if it has no finite error.
+    """
     # With the samples of a joint one after the other in memory, all this takes half the time.
-    quick: dict[str, Any] = {name: np.asfortranarray(getattr(run, name)) for name in (
+    by_joint: dict[str, Any] = {name: np.asfortranarray(getattr(run, name)) for name in (
         'dq', 'dq_d', 'ddq_d', 'tau', 'v')}
-    run = dataclasses.replace(run, **quick)
-    found = metrics(run, window, period=period)
-    if found['rms_error_rad'] is None:
+    run = dataclasses.replace(run, **by_joint)
+    numbers = metrics(run, window, period=period)
+    if numbers['rms_error_rad'] is None:
         raise CtcError(f'fewer than two samples from {window[0]:g} s to {window[1]:g} s')
-    values: dict[str, Any] = {name: tuple(found[key]) for name, (key, _) in PER_JOINT.items()
-                              if key in found}
-    made = Score(**values, **{name: found[key] for name, (key, _) in OVERALL.items()})
-    if not isfinite(made.error):
+    values: dict[str, Any] = {name: numbers[column] for name, (column, _) in OVERALL.items()}
+    for name, (column, _) in PER_JOINT.items():
+        if column in numbers:
+            values[name] = tuple(numbers[column])
+    if not isfinite(max(values['rms'])):
         raise CtcError('the error is not finite')
     tau = np.abs(run.tau)
-    at_limit = tau[within(run.t, window)] >= _AT_LIMIT * np.array(limits(setup))
-    step, dt = np.abs(np.diff(run.tau, axis=0)), np.diff(run.t)[:, np.newaxis]
-    near = dt < 1.5 * setup.controller.control_period
-    return made._replace(
+    limit = (1.0 - 1e-9) * np.array(torque_limits(setup))  # A torque so close to it is at it.
+    at_limit = tau[within(run.t, window)] >= limit
+    return Score(
+        **values,
+        error_share=float(error_shares(run, values['rms']).max()),
+        saturated=float(at_limit.any(axis=1).mean()),
         slips=tuple(slips_at_rest(run, window).tolist()),
-        error_share=float(error_shares(run, made.rms).max()),
-        peak=tuple(tau.max(axis=0).tolist()), saturated=float(at_limit.any(axis=1).mean()),
-        peak_rate=tuple(np.where(near, step / dt, 0.0).max(axis=0).tolist()))
+        peak=tuple(tau.max(axis=0).tolist()),
+        peak_rate=tuple(_peak_rate(run, setup.controller.control_period).tolist()))
+
+
+def _peak_rate(run: Run, period: float) -> Array:
+    """Return the largest torque rate between neighbours, shape (n,) [N·m/s]."""
+    step = np.abs(np.diff(run.tau, axis=0))
+    dt = np.diff(run.t)[:, np.newaxis]
+    rates: Array = np.where(dt < 1.5 * period, step / dt, 0.0)
+    largest: Array = rates.max(axis=0)
+    return largest
 
 
 def slips_at_rest(run: Run, window: tuple[float, float]) -> Array:
     """
-    Return how often a second each joint begins to move where its reference rests, shape (n,).
+    Return the stick-slips of each joint a second.
 
-    That is how often its velocity exceeds 1e-3 rad/s anew, of the samples in the window for which
-    the reference has rested for 0.3 s or more; 0 without such samples.
+    It counts how often the velocity exceeds 1e-3 rad/s anew, in those samples of the window for
+    which the reference has rested for 0.3 s or more. Without such samples it is 0.
     """
     t = run.t[:, np.newaxis]
     moves = (run.dq_d != 0.0) | (run.ddq_d != 0.0)
-    last = np.maximum.accumulate(np.where(moves, t, t[0]), axis=0)
-    rests = (t - last >= _SETTLED) & within(t, window)
-    fast = np.abs(run.dq) > _SLIP
-    slips = (fast[1:] & ~fast[:-1] & rests[1:]).sum(axis=0)
-    time = np.where(rests[1:], np.diff(t, axis=0), 0.0).sum(axis=0)
+    last_move = np.maximum.accumulate(np.where(moves, t, t[0]), axis=0)
+    rests = ((t - last_move >= 0.3) & within(t, window))[1:]
+    is_fast = np.abs(run.dq) > 1e-3
+    begins = is_fast[1:] & ~is_fast[:-1]
+    slips = (begins & rests).sum(axis=0)
+    time = np.where(rests, np.diff(t, axis=0), 0.0).sum(axis=0)
     rate: Array = slips / np.where(time > 0.0, time, np.inf)
     return rate
 
 
-def limits(setup: Setup) -> list[float]:
-    """Return the largest torque that controller and drives allow, shape (n,) [N·m]."""
+def torque_limits(setup: Setup) -> list[float]:
+    """Return the largest allowed torque, shape (n,) [N·m]."""
     config, plant = setup.controller, setup.plant
     model = model_of(config, setup.descriptions.get('controller', ''))
     return list(map(min, config.largest_torque(model.effort_limits), plant.torque_saturation))
 
 
-#: Columns that say which run of a map it is; before the axes and what is uncertain.
-WHICH = ('run', 'point', 'repeat', 'seed', 'variant', 'law', 'switching')
-#: What came of it, and the numbers that sum it up; without a number where it failed.
-_RESULT = {**dict.fromkeys(('engine', 'failure', 'reason'), (TEXT, '')),
-           'error': (NUMBER, 'rad'), 'error_share': (NUMBER, ''),
-           'variation': (NUMBER, 'N*m/s'), 'saturated': (NUMBER, ''), 'slips': (NUMBER, '1/s')}
-
-
-def of_results(n: int) -> dict[str, tuple[str, str]]:
-    """Return name, type and unit of the columns behind the axes, for `n` joints."""
-    joints = {f'{name}_{i}': (NUMBER, unit) for name, unit in PER_JOINT.values()
-              for i in range(1, n + 1)}
-    return {**_RESULT, **joints, **dict(OVERALL.values())}
+def result_columns(n: int) -> dict[str, tuple[str, str]]:
+    """Return names, types and units of the result columns."""
+    texts = dict.fromkeys(('engine', 'failure', 'reason'), ('string', ''))
+    summary = {'error': 'rad', 'error_share': '', 'variation': 'N*m/s', 'saturated': '',
+               'slips': '1/s'}
+    numbers = summary | {f'{column}_{i}': unit for column, unit in PER_JOINT.values()
+                         for i in range(1, n + 1)}
+    return texts | {name: ('float64', unit) for name, unit in numbers.items()} | dict(
+        OVERALL.values())

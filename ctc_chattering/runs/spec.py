@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The spec of a map: what is run, over which values and draws, and what counts as a failure."""
+"""
+Specs of maps: laws, axes, draws and failures.
+
+`read_spec` reads one from a file for `ctc map`. `tune_spec` takes its keys for `ctc tune`. Every
+error names the key, its value and the allowed ones, before anything is run.
+"""
 
 from __future__ import annotations
 
@@ -31,20 +36,17 @@ from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.yaml_file import FileKind, mapping, read_yaml
 from ctc_chattering.errors import CtcError, ParameterError, prefixed
 from ctc_chattering.parameters import Config, Parameter, parameter
-from ctc_chattering.runs.recommended import recommended_setup
-from ctc_chattering.runs.score import of_results, WHICH
+from ctc_chattering.runs.recommended import FILE, LawSettings, RECOMMENDED, recommended_setup
+from ctc_chattering.runs.score import result_columns, RUN_COLUMNS
 import numpy as np
 import yaml
 
-#: Most runs of a map, and values of an axis.
-MOST = 10_000_000
-#: Most levels of a refinement.
-_LEVELS = 16
-#: Distributions, and the two numbers of each; of `choice` any number of values.
+#: Largest number of runs of a map, and of values of an axis.
+MAX_RUNS = 10_000_000
+#: Distributions. Each has two numbers, but `choice` any number of values.
 DISTRIBUTIONS = ('uniform', 'log_uniform', 'normal', 'choice')
-#: Parameters that the spec itself sets: by its duration, and by seed and repeat.
-_SET = ('duration', 'noise_seed')
-_OF_QUANTITY = ('parameter', 'parameters', 'factor')
+#: Keys of a quantity, besides those of its values.
+_QUANTITY_KEYS = ('parameter', 'parameters', 'factor')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,7 +61,7 @@ class Quantity:
     targets : tuple of (str, Parameter)
         Node, one of `LOOP`, and its parameter. A parameter for every joint has the number on each.
     factor : bool
-        Whether the number multiplies what the parameter has otherwise.
+        Whether the number multiplies the value that the parameter has otherwise.
 
     """
 
@@ -69,40 +71,42 @@ class Quantity:
 
     @property
     def unit(self) -> str:
-        """Return the unit of the number; empty for a factor, and where there is none."""
+        """Physical unit of the number, empty for a factor."""
         return '' if self.factor else self.targets[0][1].unit
 
     @property
-    def known(self) -> bool:
-        """Whether the controller knows of it: not all is the plant's alone."""
+    def known_to_controller(self) -> bool:
+        """Presence of another target than the plant."""
         return any(node != 'plant' for node, _ in self.targets)
 
-    def value(self, spec: Parameter, x: float, now: Any, n: int) -> Any:
+    def value(self, spec: Parameter, number: float, current: Any, n: int) -> Any:
         """
-        Return what a parameter gets.
+        Return the value of a parameter.
 
         Parameters
         ----------
         spec : Parameter
             One of the targets.
-        x : float
-            The number.
-        now : object
+        number : float
+            Number of the quantity.
+        current : object
             Value of the parameter so far.
         n : int
             Number of joints.
 
         """
-        if self.factor:
-            value: Any = tuple(x * y for y in now) if isinstance(now, tuple) else x * now
+        if not self.factor:
+            value: Any = (number,) * n if spec.shape else number
+        elif isinstance(current, tuple):
+            value = tuple(number * x for x in current)
         else:
-            value = (x,) * n if spec.shape else x
+            value = number * current
         return int(value) if spec.kind == 'int' and value == round(value) else value
 
 
 @dataclasses.dataclass(frozen=True)
 class Axis(Quantity):
-    """A quantity with the values that a map has of it, ascending."""
+    """A quantity with its values in a map, ascending."""
 
     values: tuple[float, ...]
 
@@ -117,8 +121,8 @@ class Uncertain(Quantity):
     distribution : str
         One of `DISTRIBUTIONS`.
     numbers : tuple of float
-        Ends of `uniform` and `log_uniform`; mean and standard deviation of `normal`; the values
-        of `choice`, each as likely as the others.
+        Ends of `uniform` and `log_uniform`, mean and standard deviation of `normal`, or the
+        equally likely values of `choice`.
 
     """
 
@@ -127,23 +131,23 @@ class Uncertain(Quantity):
 
     @property
     def typical(self) -> tuple[float, ...]:
-        """Values that must be allowed: the ends, the values, or the mean."""
+        """Values that must be allowed."""
         return self.numbers[:1] if self.distribution == 'normal' else self.numbers
 
 
-def applied(setup: Setup, settings: Iterable[tuple[Quantity, float]], noise_seed: int | None = None
-            ) -> Setup:
+def set_quantities(setup: Setup, numbers: Iterable[tuple[Quantity, float]],
+                   noise_seed: int | None = None) -> Setup:
     """
-    Return a setup with quantities set to numbers, one after the other.
+    Return a setup with quantities set in order.
 
     Parameters
     ----------
     setup : Setup
-        Of the file, or of a law.
-    settings : iterable of (Quantity, float)
-        What is set.
+        Setup of the file, or of a law.
+    numbers : iterable of (Quantity, float)
+        Quantities with their numbers.
     noise_seed : int, optional
-        Of the plant, in place of that of the setup.
+        Seed of the plant, in place of that of the setup.
 
     Raises
     ------
@@ -152,65 +156,66 @@ def applied(setup: Setup, settings: Iterable[tuple[Quantity, float]], noise_seed
 
     """
     values: dict[str, dict[str, Any]] = {node: {} for node in LOOP}
-    for quantity, x in settings:
+    for quantity, number in numbers:
         for node, spec in quantity.targets:
             config = getattr(setup, node)
-            now = values[node].get(spec.name, getattr(config, spec.field))
-            values[node][spec.name] = quantity.value(spec, x, now, len(config.joint_names))
+            current = values[node].get(spec.name, getattr(config, spec.field))
+            values[node][spec.name] = quantity.value(
+                spec, number, current, len(config.joint_names))
     if noise_seed is not None:
         values['plant']['noise_seed'] = noise_seed
     return setup.changed(values)
 
 
 def read_axis(name: str, tree: object) -> Axis:
-    """Return an axis of a spec; raise `ParameterError` that names the key."""
+    """Return an axis of a spec."""
     key = f'axes.{name}'
     if not isinstance(tree, dict) or 'range' not in tree:
-        values = mapping(key, tree, (*_OF_QUANTITY, 'values'))
+        values = mapping(key, tree, (*_QUANTITY_KEYS, 'values'))
         numbers = read_value(f'{key}.values', 'float[]', values.get('values'))
         if not numbers or any(a >= b for a, b in pairwise(numbers)):
             raise ParameterError(f'{key}.values', numbers, 'one number or more, ascending')
-        return Axis(name, *_parameters(key, values), numbers)
-    values = mapping(key, tree, (*_OF_QUANTITY, 'range', 'count', 'spacing'))
+        return Axis(name, *_read_targets(key, values), numbers)
+    values = mapping(key, tree, (*_QUANTITY_KEYS, 'range', 'count', 'spacing'))
     spacing = read_value(f'{key}.spacing', 'str', values.get('spacing', 'linear'),
                          choices=('linear', 'log'))
-    ends = _ends(f'{key}.range', values['range'], spacing == 'log')
-    count = read_value(f'{key}.count', 'int', values.get('count'), minimum=2, maximum=MOST)
+    ends = _read_ends(f'{key}.range', values['range'], spacing == 'log')
+    count = read_value(f'{key}.count', 'int', values.get('count'), minimum=2, maximum=MAX_RUNS)
     space: Any = np.geomspace if spacing == 'log' else np.linspace
-    return Axis(name, *_parameters(key, values), tuple(space(*ends, count).tolist()))
+    return Axis(name, *_read_targets(key, values), tuple(space(*ends, count).tolist()))
 
 
 def read_uncertain(name: str, tree: object) -> Uncertain:
-    """Return an uncertain quantity of a spec; raise `ParameterError` that names the key."""
+    """Return an uncertain quantity of a spec."""
     key = f'uncertain.{name}'
-    values = mapping(key, tree, (*_OF_QUANTITY, *DISTRIBUTIONS))
-    kind = _one_of(key, values, DISTRIBUTIONS)
-    where, given = f'{key}.{kind}', values[kind]
-    if kind in ('uniform', 'log_uniform'):
-        numbers = _ends(where, given, kind == 'log_uniform')
+    values = mapping(key, tree, (*_QUANTITY_KEYS, *DISTRIBUTIONS))
+    distribution = _only_key(key, values, DISTRIBUTIONS)
+    key_of_numbers, value = f'{key}.{distribution}', values[distribution]
+    if distribution in ('uniform', 'log_uniform'):
+        numbers = _read_ends(key_of_numbers, value, distribution == 'log_uniform')
     else:
-        numbers = read_value(where, 'float[]', given)
-        if kind == 'normal' and not (len(numbers) == 2 and numbers[-1] > 0.0):
-            raise ParameterError(where, numbers, 'mean and standard deviation > 0')
+        numbers = read_value(key_of_numbers, 'float[]', value)
+        if distribution == 'normal' and not (len(numbers) == 2 and numbers[-1] > 0.0):
+            raise ParameterError(key_of_numbers, numbers, 'mean and standard deviation > 0')
         if not len(set(numbers)) == len(numbers) > 0:
-            raise ParameterError(where, numbers, 'different numbers')
-    return Uncertain(name, *_parameters(key, values), kind, numbers)
+            raise ParameterError(key_of_numbers, numbers, 'different numbers')
+    return Uncertain(name, *_read_targets(key, values), distribution, numbers)
 
 
-def read_value(key: str, kind: str, value: object, n: int = 0, **allowed: Any) -> Any:
-    """Return a value of a spec, declared as a `Parameter` is."""
-    return Parameter(key, kind, None, '', **allowed).checked(value, n)
+def read_value(key: str, type_name: str, value: object, n: int = 0, **allowed: Any) -> Any:
+    """Return a checked value of a spec."""
+    return Parameter(key, type_name, None, '', **allowed).checked(value, n)
 
 
-def _one_of(key: str, values: Mapping[str, Any], names: Sequence[str]) -> str:
-    """Return which one of some keys is given."""
-    given = [name for name in names if name in values]
-    if len(given) != 1:
-        raise ParameterError(key, given, 'one of ' + ', '.join(names))
-    return given[0]
+def _only_key(key: str, values: Mapping[str, Any], names: Sequence[str]) -> str:
+    """Return the only present one of some keys."""
+    present = [name for name in names if name in values]
+    if len(present) != 1:
+        raise ParameterError(key, present, 'one of ' + ', '.join(names))
+    return present[0]
 
 
-def _ends(key: str, value: object, positive: bool) -> tuple[float, ...]:
+def _read_ends(key: str, value: object, positive: bool) -> tuple[float, ...]:
     """Return two ends, ascending."""
     ends: tuple[float, ...] = read_value(key, 'float[]', value)
     if len(ends) != 2 or ends[0] >= ends[1] or (positive and ends[0] <= 0.0):
@@ -218,7 +223,8 @@ def _ends(key: str, value: object, positive: bool) -> tuple[float, ...]:
     return ends
 
 
-def check(quantities: Iterable[tuple[Quantity, tuple[float, ...]]], setup: Setup) -> None:
+def check_quantities(quantities: Iterable[tuple[Quantity, tuple[float, ...]]], setup: Setup
+                     ) -> None:
     """
     Check quantities alone and against each other.
 
@@ -227,7 +233,7 @@ def check(quantities: Iterable[tuple[Quantity, tuple[float, ...]]], setup: Setup
     quantities : iterable of (Quantity, tuple of float)
         In the order in which they are set, with values that must be allowed.
     setup : Setup
-        Of the file.
+        Setup of the file.
 
     Raises
     ------
@@ -235,21 +241,22 @@ def check(quantities: Iterable[tuple[Quantity, tuple[float, ...]]], setup: Setup
         For a value that is not allowed, or a parameter that is set again and not multiplied.
 
     """
-    by: dict[tuple[str, str], str] = {}
+    first_setter: dict[str, str] = {}
     for quantity, numbers in quantities:
         for node, spec in quantity.targets:
-            here = f'{node}.{spec.name}'
-            other = by.setdefault((node, spec.name), quantity.name)
-            if other != quantity.name and not quantity.factor:
-                raise ParameterError(quantity.name, here, f'a factor, for {other} sets it, too')
-        for x in numbers:
-            with prefixed(f'{quantity.name} = {x:g}: '):
-                applied(setup, [(quantity, x)])
+            target = f'{node}.{spec.name}'
+            setter = first_setter.setdefault(target, quantity.name)
+            if setter != quantity.name and not quantity.factor:
+                raise ParameterError(quantity.name, target,
+                                     f'a factor, since {setter} sets it as well')
+        for number in numbers:
+            with prefixed(f'{quantity.name} = {number:g}: '):
+                set_quantities(setup, [(quantity, number)])
 
 
 def coarse_steps(values: Mapping[str, Any], axes: tuple[Axis, ...]) -> tuple[int, ...]:
-    """Return every how many values of each axis are run first; all of an axis without range."""
-    levels = read_value('refine', 'int', values.get('refine', 0), minimum=0, maximum=_LEVELS)
+    """Return the steps of the coarse grid along each axis."""
+    levels = read_value('refine', 'int', values.get('refine', 0), minimum=0, maximum=16)
     steps = tuple(2 ** levels if 'range' in values['axes'][x.name] else 1 for x in axes)
     if levels and max(steps, default=1) == 1:
         raise ParameterError('refine', levels, '0, or an axis with a range')
@@ -260,30 +267,33 @@ def coarse_steps(values: Mapping[str, Any], axes: tuple[Axis, ...]) -> tuple[int
     return steps
 
 
-def _parameters(key: str, values: dict[str, Any]
-                ) -> tuple[tuple[tuple[str, Parameter], ...], bool]:
-    """Return the targets of a quantity, and whether it is a factor."""
-    given = _one_of(key, values, ('parameter', 'parameters'))
-    texts = values[given] if given == 'parameters' else [values[given]]
-    texts = read_value(f'{key}.{given}', 'str[]', texts)
-    found = tuple(target for text in texts for target in _targets(f'{key}.{given}', text))
-    if not found or len(set(found)) < len(found):
-        raise ParameterError(f'{key}.{given}', texts, 'one or more, each once')
-    return found, read_value(f'{key}.factor', 'bool', values.get('factor', False))
+def _read_targets(key: str, values: dict[str, Any]
+                  ) -> tuple[tuple[tuple[str, Parameter], ...], bool]:
+    """Return the targets of a quantity, and `factor`."""
+    name = _only_key(key, values, ('parameter', 'parameters'))
+    texts = values[name] if name == 'parameters' else [values[name]]
+    texts = read_value(f'{key}.{name}', 'str[]', texts)
+    targets = tuple(target for text in texts for target in _targets(f'{key}.{name}', text))
+    if not targets or len(set(targets)) < len(targets):
+        raise ParameterError(f'{key}.{name}', texts, 'one or more, each once')
+    return targets, read_value(f'{key}.factor', 'bool', values.get('factor', False))
 
 
 def _targets(key: str, text: str) -> list[tuple[str, Parameter]]:
-    """Return the nodes that have a parameter, and its declaration."""
+    """Return the nodes and declarations of a parameter."""
     node, _, name = text.partition('.')
-    nodes, name = ((node,), name) if node in LOOP else (LOOP, text)
-    found = [(node, LOOP[node].parameters()[name]) for node in nodes
-             if name in LOOP[node].parameters()]
-    if not found or name in _SET or any(
-            spec.kind not in ('int', 'float', 'float[]') for _, spec in found):
+    nodes = [node]
+    if node not in LOOP:
+        nodes, name = list(LOOP), text
+    targets = [(node, LOOP[node].parameters()[name]) for node in nodes
+               if name in LOOP[node].parameters()]
+    are_numbers = all(spec.kind in ('int', 'float', 'float[]') for _, spec in targets)
+    # The spec itself sets two parameters, by its duration, and by seed and repeat.
+    if not targets or not are_numbers or name in ('duration', 'noise_seed'):
         raise ParameterError(
             key, text, f'a parameter of {", ".join(LOOP)} that is a number or a number a joint, '
             'such as plant.coulomb_friction; duration, seed and repeats of the spec set others')
-    return found
+    return targets
 
 
 #: Keys of a spec. `tune` is for `ctc tune`.
@@ -293,19 +303,19 @@ KEYS = ('params_file', 'duration', 'window', 'overrides', 'laws', 'axes', 'uncer
 
 @dataclasses.dataclass(frozen=True)
 class Repeats(Config):
-    """How often every point is run, and how what is uncertain is drawn."""
+    """Number of runs of every point, and their draws."""
 
     sampling: str = parameter(
         'sobol', 'How `uncertain` is drawn.',
         choices=('random', 'latin_hypercube', 'sobol', 'saltelli'))
-    repeats: int = parameter(1, 'Runs of every law at every point.', minimum=1, maximum=MOST)
+    repeats: int = parameter(1, 'Runs of every law at every point.', minimum=1, maximum=MAX_RUNS)
     seed: int = parameter(
         0, 'Seed of the draws; noise_seed of the plant is seed + repeat.', maximum=2 ** 61)
 
 
 @dataclasses.dataclass(frozen=True)
 class Failure(Config):
-    """What counts as a failure besides a run that diverges or is refused."""
+    """Limits from which a finished run is a failure."""
 
     error_above: float = parameter(inf, 'RMS error of any joint in the window.', 'rad')
     error_share_above: float = parameter(
@@ -317,35 +327,6 @@ class Failure(Config):
         False, 'Whether v that never stays within its band is a failure.')
 
 
-#: Where a spec names no failure: an error of which `simulate` warns.
-USUAL_FAILURE = Failure(error_share_above=WARN_ERROR_SHARE)
-
-
-@dataclasses.dataclass(frozen=True)
-class LawSettings:
-    """
-    A law with its settings.
-
-    Attributes
-    ----------
-    name : str
-        Shown, for example ``chattering sign``.
-    law, switching : str
-        At the start; the switching is empty for a law without.
-    values : mapping
-        Parameters of the controller in place of the file's, the law among them.
-    recommended : bool
-        Whether all others are what docs/laws.md recommends.
-
-    """
-
-    name: str
-    law: str
-    switching: str
-    values: Mapping[str, Any]
-    recommended: bool
-
-
 @dataclasses.dataclass(frozen=True)
 class MapSpec:
     """
@@ -354,7 +335,7 @@ class MapSpec:
     Attributes
     ----------
     name : str
-        Of its file.
+        Name of its file.
     setup : Setup
         The parameter file with the overrides of the spec.
     window : (float, float)
@@ -368,9 +349,9 @@ class MapSpec:
     failure : Failure
         Limits.
     coarse : tuple of int
-        Of each axis: every how many of its values are run first, a power of two; 1 for all.
+        Of each axis: the step between values that are run first, a power of two.
     tree : mapping
-        As it was given.
+        Contents of the file.
 
     """
 
@@ -387,78 +368,91 @@ class MapSpec:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Return the number of values of each axis."""
+        """Lengths of the axes."""
         return tuple(len(axis.values) for axis in self.axes)
 
     @property
     def runs(self) -> int:
-        """Return the number of runs."""
+        """Total number of runs."""
         return prod(self.shape) * len(self.variants) * self.repeats.repeats
-
-    def under(self, candidates: Mapping[str, Mapping[str, Any]]) -> MapSpec:
-        """Return the spec with candidates, parameters of the controller by name, as its laws."""
-        configs = map(self.setup.controller.changed, candidates.values())
-        return dataclasses.replace(self, variants=tuple(
-            LawSettings(name, x.law, x.switching_in_force, values, False)
-            for (name, values), x in zip(candidates.items(), configs)))
 
 
 def read_spec(path: Path) -> MapSpec:
     """
-    Read a spec, and the parameter file that it names.
+    Read a spec and its parameter file.
 
     Raises
     ------
     CtcError
-        Naming the file, the key, its value and what is allowed; before anything is run.
+        Naming the file, the key, its value and the allowed ones, before anything is run.
 
     """
     tree = read_yaml(path, FileKind.SPEC)
     with prefixed(f'{path}: '):
-        return parse(tree, path)
+        return parse_spec(tree, path)
 
 
-def rows_of(tree: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield the keys of a spec, and those below them, with their values as YAML on one line."""
+def spec_rows(tree: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield the keys of a spec with their values."""
     for key, value in tree.items():
-        parts = value if isinstance(value, dict) else {'': value}
-        for name, part in parts.items():
+        for name, entry in (value if isinstance(value, dict) else {'': value}).items():
             yield f'{key} {name}'.rstrip(), yaml.safe_dump(
-                part, default_flow_style=True, sort_keys=False, allow_unicode=True,
+                entry, default_flow_style=True, sort_keys=False, allow_unicode=True,
                 width=float('inf')).removesuffix('...\n').rstrip()
 
 
-def parse(tree: object, path: Path) -> MapSpec:
-    """Return what a spec says; relative paths in it count from the directory of `path`."""
+def parse_spec(tree: object, path: Path) -> MapSpec:
+    """
+    Return the checked spec.
+
+    Relative paths in it count from the directory of `path`.
+    """
     values = mapping('spec', tree, KEYS)
-    setup = _setup(values, path.parent)
-    n = len(setup.controller.joint_names)
-    taken = (*WHICH, *of_results(n))
-    axes = _quantities(values, 'axes', read_axis, taken)
-    uncertain = _quantities(values, 'uncertain', read_uncertain, (
+    setup = read_setup(values, path.parent)
+    taken = (*RUN_COLUMNS, *result_columns(len(setup.controller.joint_names)))
+    axes = _read_quantities(values, 'axes', read_axis, taken)
+    uncertain = _read_quantities(values, 'uncertain', read_uncertain, (
         *taken, *(axis.name for axis in axes)))
-    with prefixed('failure.'):
-        failure = USUAL_FAILURE if 'failure' not in values else Failure.from_mapping(mapping(
-            'failure', values['failure'], tuple(Failure.parameters())))
     spec = MapSpec(
-        path.stem, setup, _window(values, setup.plant.duration), _variants(values, setup),
-        axes, uncertain,
-        Repeats.from_mapping({x: values[x] for x in Repeats.parameters() if x in values}),
-        failure, coarse_steps(values, axes), values)
-    parts, n = len(spec.uncertain) + 2, spec.repeats.repeats
-    if spec.repeats.sampling == 'saltelli' and (
-            spec.axes or len(spec.uncertain) < 2 or n % parts or (n // parts).bit_count() != 1):
-        raise ParameterError('sampling', 'saltelli', (
-            'without axes, for what is uncertain, two quantities or more, with repeats of '
-            f'{parts} times a power of two'))
-    if spec.runs > MOST:
+        name=path.stem, setup=setup, window=_read_window(values, setup.plant.duration),
+        variants=_read_laws(values, setup), axes=axes, uncertain=uncertain,
+        repeats=Repeats.from_mapping({x: values[x] for x in Repeats.parameters() if x in values}),
+        failure=_read_failure(values), coarse=coarse_steps(values, axes), tree=values)
+    _check_saltelli(spec)
+    if spec.runs > MAX_RUNS:
         raise CtcError(f'{spec.runs} runs: {prod(spec.shape)} points, {len(spec.variants)} laws, '
-                       f'{spec.repeats.repeats} repeats; allowed: {MOST}')
-    check([*((axis, axis.values) for axis in axes), *((x, x.typical) for x in uncertain)], setup)
+                       f'{spec.repeats.repeats} repeats; allowed: {MAX_RUNS}')
+    check_quantities(
+        [*((x, x.values) for x in axes), *((x, x.typical) for x in uncertain)], setup)
     return spec
 
 
-def _setup(values: Mapping[str, Any], beside: Path) -> Setup:
+def _check_saltelli(spec: MapSpec) -> None:
+    """Check that draws for Sobol indices are whole."""
+    if spec.repeats.sampling != 'saltelli':
+        return
+    blocks = len(spec.uncertain) + 2
+    size, remainder = divmod(spec.repeats.repeats, blocks)
+    if spec.axes or len(spec.uncertain) < 2 or remainder or size.bit_count() != 1:
+        raise ParameterError('sampling', 'saltelli', (
+            'without axes, for what is uncertain, two quantities or more, with repeats of '
+            f'{blocks} times a power of two'))
+
+
+def _read_failure(values: Mapping[str, Any]) -> Failure:
+    """
+    Return the limits of failure.
+
+    The default is the error of which `ctc simulate` warns.
+    """
+    if 'failure' not in values:
+        return Failure(error_share_above=WARN_ERROR_SHARE)
+    with prefixed('failure.'):
+        return Failure.from_mapping(mapping(
+            'failure', values['failure'], tuple(Failure.parameters())))
+
+
+def read_setup(values: Mapping[str, Any], beside: Path) -> Setup:
     """Return the parameter file with the spec's overrides."""
     name = read_value('params_file', 'str', values.get('params_file', 'friction'))
     overrides = values.get('overrides', {})
@@ -469,21 +463,21 @@ def _setup(values: Mapping[str, Any], beside: Path) -> Setup:
         overrides = {**overrides, 'plant': plant}
     setup = parameter_file.load(find_config(name, beside), overrides)
     if setup.plant.duration == 0.0:
-        raise ParameterError('duration', 0.0, 'a number > 0, for every run must end')
+        raise ParameterError('duration', 0.0, 'a number > 0, since every run must end')
     return setup
 
 
-def _window(values: Mapping[str, Any], duration: float) -> tuple[float, float]:
-    """Return the evaluated interval; the second half by default."""
+def _read_window(values: Mapping[str, Any], duration: float) -> tuple[float, float]:
+    """Return the evaluated interval, by default the second half."""
     window = read_value('window', 'float[]', values.get('window', [0.5 * duration, duration]))
     if len(window) != 2 or not 0.0 <= window[0] < window[1] <= duration:
         raise ParameterError('window', window, f'two times, ascending, from 0 to {duration:g} s')
     return window[0], window[1]
 
 
-def _quantities(values: Mapping[str, Any], key: str, read: Callable[[str, object], Any],
-                taken: Container[str]) -> tuple[Any, ...]:
-    """Return the axes, or what is uncertain; they have other names than those that are taken."""
+def _read_quantities(values: Mapping[str, Any], key: str, read: Callable[[str, object], Any],
+                     taken: Container[str]) -> tuple[Any, ...]:
+    """Return axes or uncertain quantities with new names."""
     tree = values.get(key) or {}
     if not isinstance(tree, dict):
         raise ParameterError(key, tree, 'a mapping of names')
@@ -494,20 +488,20 @@ def _quantities(values: Mapping[str, Any], key: str, read: Callable[[str, object
     return tuple(read(name, x) for name, x in tree.items())
 
 
-def _variants(values: Mapping[str, Any], setup: Setup) -> tuple[LawSettings, ...]:
-    """Return the laws; that of the file by default."""
+def _read_laws(values: Mapping[str, Any], setup: Setup) -> tuple[LawSettings, ...]:
+    """Return the laws, by default that of the file."""
     items = values.get('laws', [setup.controller.law])
     if not isinstance(items, list) or not items:
         raise ParameterError('laws', items, 'a list of laws')
-    found = tuple(read_law(f'laws[{i}]', item, setup) for i, item in enumerate(items))
-    names = [variant.name for variant in found]
+    laws = tuple(read_law(f'laws[{i}]', item, setup) for i, item in enumerate(items))
+    names = [law.name for law in laws]
     if len(set(names)) < len(names):
         raise ParameterError('laws', names, 'different names: give each a name of its own')
-    return found
+    return laws
 
 
 def read_law(key: str, item: object, setup: Setup) -> LawSettings:
-    """Return a law from text, such as ``chattering sign``, or a mapping."""
+    """Return a law from text or a mapping."""
     values: dict[str, Any] = {'law': setup.controller.law}
     if isinstance(item, str) and 0 < len(item.split()) <= 2:
         values.update(zip(('law', 'switching'), item.split()))
@@ -519,12 +513,12 @@ def read_law(key: str, item: object, setup: Setup) -> LawSettings:
     name = read_value(f'{key}.name', 'str', values.pop('name', ''))
     recommended = read_value(f'{key}.recommended', 'bool', values.pop('recommended', False))
     with prefixed(f'{key}.'):
-        made = setup.controller.changed(values)
+        config = setup.controller.changed(values)
         if recommended:
-            made = recommended_setup(setup, made.law).controller.changed(values)
-        if 'switching' in values and not made.takes('switching'):
-            raise ParameterError('switching', values['switching'], f'none under law {made.law}')
-    switching = made.switching_in_force
-    words = (made.law, switching, 'recommended' if recommended else '')
-    return LawSettings(name or ' '.join(filter(None, words)), made.law, switching, values,
-                       recommended)
+            config = recommended_setup(setup, config.law).controller.changed(values)
+        if 'switching' in values and not config.takes('switching'):
+            raise ParameterError('switching', values['switching'], f'none under law {config.law}')
+    switching = config.switching_in_force
+    words = (config.law, switching, RECOMMENDED if recommended else '')
+    return LawSettings(config.law, switching, RECOMMENDED if recommended else FILE, values,
+                       name or ' '.join(filter(None, words)))

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Stability margins of the loop of a parameter file, and their table.
+Stability margins of the loop of a parameter file.
 
 `ctc stability` prints it. `margins/loop_margins.py` computes the margins from the loops that
 `loops_of` forms of a setup.
@@ -50,16 +50,17 @@ def loops_of(setup: Setup) -> Loops:
     Parameters
     ----------
     setup : Setup
-        The law and what it knows; lag, delay and sensor of its robot.
+        The law with its knowledge, and lag, delay and sensor of its robot.
 
     Raises
     ------
     CtcError
-        If the law is not linear, or its torque not in proportion to M̂.
+        If the law is not linear, or its torque not proportional to M̂.
 
     """
     config, plant = setup.controller, setup.plant
-    n, lags = len(config.joint_names), np.array(plant.actuator_lag)
+    n = len(config.joint_names)
+    lags = np.array(plant.actuator_lag)
     eye = np.eye(n)
     law = linear_law(config, eye)
     are_equal = _joints_are_equal(config, lags)
@@ -79,15 +80,15 @@ def loops_of(setup: Setup) -> Loops:
 
 
 def _check_proportion(config: ControllerConfig, law: LinearLaw, mass: Array) -> None:
-    """Refuse a law whose torque with M̂ = `mass` is not `mass` times that with M̂ = 1."""
+    """Refuse a law whose torque is not proportional to M̂."""
     response = linear_law(config, mass).response()
     if not np.abs(mass @ law.response() - response).max() <= 1e-3 * np.abs(response).max():
-        raise CtcError(f'law {config.law}: its torque is not in proportion to M of the model; its '
-                       'stability is not computed')
+        raise CtcError(f'law {config.law}: its torque is not proportional to the mass matrix of '
+                       'its model, so that its stability cannot be computed')
 
 
 def _joints_are_equal(config: ControllerConfig, lags: Array) -> bool:
-    """Return whether all joints have the same gains and lags, and no gain couples them."""
+    """Return whether joints have equal, uncoupled gains and lags."""
     n = len(lags)
     rows = [lags.tolist()]
     if config.takes('actuator_lag'):
@@ -108,7 +109,7 @@ def masses_of(setup: Setup) -> list[Array]:
 
 def stability(setup: Setup) -> Margins:
     """
-    Return the errors of model, lag and delay that the sampled loop tolerates.
+    Return the errors that the sampled loop tolerates.
 
     The loop has a constant M and no limits. Its poles decide for errors that are constant, the
     small-gain theorem for those that vary (docs/theory.md).
@@ -116,31 +117,36 @@ def stability(setup: Setup) -> Margins:
     Parameters
     ----------
     setup : Setup
-        The law and what it knows; lag, delay and sensor of its robot.
+        The law with its knowledge, and lag, delay and sensor of its robot.
 
     Returns
     -------
     Margins
-        Stable if ``radius`` is below 1; ``ratios``, ``lags`` and ``delays`` say how far it is.
+        The loop is stable if ``radius`` is below 1. ``ratios``, ``lags`` and ``delays`` say by how
+        much.
 
     Raises
     ------
     CtcError
-        If the law is not linear, or its torque not in proportion to M of the model.
+        If the law is not linear, or its torque not proportional to M of the model.
 
     Examples
     --------
     >>> from ctc_chattering import load_parameters, stability
-    >>> found = stability(load_parameters('friction', {'controller': {'law': 'compensation'}}))
-    >>> found.radius < 1.0, f'{found.ratios.low:.2f} to {found.ratios.high:.0f}'
+    >>> margins = stability(load_parameters('friction', {'controller': {'law': 'compensation'}}))
+    >>> margins.radius < 1.0, f'{margins.ratios.low:.2f} to {margins.ratios.high:.0f}'
     (True, '0.01 to 40')
 
     """
     return loops_of(setup).margins()
 
 
-def rows(margins: Margins, period: float) -> Iterator[tuple[str, str]]:
-    """Yield rows of a table, intervals rounded inwards; `period` is h [s]."""
+def margin_rows(margins: Margins, period: float) -> Iterator[tuple[str, str]]:
+    """
+    Yield the margins as rows of a table.
+
+    Intervals are rounded inwards. `period` is h [s].
+    """
     if margins.radius < 1.0:
         slowest = -1e3 * period / math.log(margins.radius)
         yield 'slowest time constant, model exact', f'{round_towards(slowest, 2, math.ceil):g} ms'
@@ -151,7 +157,7 @@ def rows(margins: Margins, period: float) -> Iterator[tuple[str, str]]:
     for ratio, lags, delays in zip(RATIOS, margins.lags, margins.delays):
         model = '' if ratio == 1.0 else f', model {ratio:g} M'
         yield f'lag of the drives{model}', range_text(lags, 1e3, ' ms')
-        yield f'delay{model}', f'{_counts(delays)} samples' if delays else 'none'
+        yield f'delay{model}', f'{_delays_text(delays)} samples' if delays else 'none'
 
 
 def range_text(stable: StableRange | None, factor: float = 1.0, unit: str = '') -> str:
@@ -163,8 +169,8 @@ def range_text(stable: StableRange | None, factor: float = 1.0, unit: str = '') 
     return f'{low:g} to {high:g}{unit}'
 
 
-def _counts(counts: Sequence[int]) -> str:
-    """Return ascending numbers, as a range if they are consecutive."""
-    if len(counts) > 1 and counts[-1] - counts[0] == len(counts) - 1:
-        return f'{counts[0]} to {counts[-1]}'
-    return ', '.join(map(str, counts))
+def _delays_text(delays: Sequence[int]) -> str:
+    """Return ascending delays, consecutive ones as a range."""
+    if len(delays) > 1 and delays[-1] - delays[0] == len(delays) - 1:
+        return f'{delays[0]} to {delays[-1]}'
+    return ', '.join(map(str, delays))

@@ -13,11 +13,12 @@
 # limitations under the License.
 
 """
-The directory of a table: a parquet file per chunk of runs, one of all rows, and what they are of.
+Directory of a table that survives a kill.
 
-A process that is killed leaves whole files only. The name of a chunk's file is a key of all that
-its rows depend on, the text of the package among it; a file that is damaged is noticed by
-parquet's checksums and computed again.
+It has a parquet file per chunk of runs, one of all rows, and their metadata. `map.py` opens
+it and lets `compute` make the chunks that are missing. A process that is killed leaves whole files
+only. The name of a chunk's file is a key of all inputs of its rows, the text of the package among
+them. Parquet's checksums show a damaged file, which is computed again.
 """
 
 from __future__ import annotations
@@ -37,46 +38,50 @@ from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.input_files import read_bytes, read_text
 from ctc_chattering.output_files import finite, writing
 from ctc_chattering.output_folder import beside, check_owner, held, OutputFolder, read_contents
-from ctc_chattering.runs.points import Points
+from ctc_chattering.runs.run_lists import RunList
 import numpy as np
 import numpy.typing as npt
 import pyarrow
 from pyarrow import parquet
 
-#: Names in the directory.
-SHARDS, TABLE, JSON, FIGURES, PAGE = (
-    'shards', 'map.parquet', 'map.json', 'figures', 'index.html')
-#: Control steps of a chunk, with the step of the file, times the square of the number of joints:
-#: a second of work, half a minute where it is plain Python.
-_STEPS = 4e6
-#: Number of chunks, where there are as many runs, so that as many workers have work.
-_FEWEST = 64
+#: Folder of the chunks in the directory.
+SHARDS = 'shards'
+#: Folder of the figures in the directory.
+FIGURES = 'figures'
+#: Files in the directory.
+TABLE = 'map.parquet'
+JSON = 'map.json'
+PAGE = 'index.html'
 #: Numbers of runs, ascending.
 Numbers = Sequence[int] | npt.NDArray[np.int64]
 
 
 @cache
 def version() -> str:
-    """Return the version of the package and a word that changes with its text."""
+    """Return the package's version with a hash of its text."""
     package, text = Path(ctc_chattering.__file__).parent, hashlib.sha256()
     for path in sorted(package.rglob('*.py')):
         text.update(path.read_bytes())
     return f'{ctc_chattering.__version__}+{text.hexdigest()[:12]}'
 
 
-def schema(points: Points) -> pyarrow.Schema:
-    """Return the columns of the results, with the unit of each that has one."""
+def table_schema(runs: RunList) -> pyarrow.Schema:
+    """Return the columns of a table with their units."""
     return pyarrow.schema([
-        pyarrow.field(name, pyarrow.type_for_alias(kind),
+        pyarrow.field(name, pyarrow.type_for_alias(type_name),
                       metadata={'unit': unit} if unit else None)
-        for name, (kind, unit) in points.types.items()])
+        for name, (type_name, unit) in runs.types.items()])
 
 
-def about(points: Points) -> dict[str, Any]:
-    """Return what a table is of, as JSON has it; its ``key`` tells it from all others."""
+def table_metadata(runs: RunList) -> dict[str, Any]:
+    """
+    Return the metadata of a table.
+
+    Its ``key`` identifies the table uniquely.
+    """
     versions = {'ctc_chattering': version(), 'numpy': np.__version__,
                 'pyarrow': pyarrow.__version__}
-    return {'key': _key([points.contents, version()]), 'spec': finite(points.contents),
+    return {'key': _key([runs.contents, version()]), 'spec': finite(runs.contents),
             'versions': versions}
 
 
@@ -84,29 +89,34 @@ def _key(value: Any) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()[:32]
 
 
-def chunks(points: Points, numbers: Numbers) -> list[npt.NDArray[np.int64]]:
+def chunks(runs: RunList, numbers: Numbers) -> list[npt.NDArray[np.int64]]:
     """
-    Return runs, ascending numbers, in chunks of so many steps each, fewer of few runs.
+    Return runs, ascending numbers, in chunks of about equal work.
 
-    Their size depends on nothing but what is run and the number of runs.
+    Their size depends on nothing but the setup and the number of runs. It is a second of work,
+    half a minute in plain Python: so many control steps, times the square of the number of joints.
+    Of few runs there are 64 chunks, so that as many workers have work.
     """
-    n, plant = len(points.robot.controller.joint_names), points.robot.plant
+    plant = runs.robot.plant
     steps = plant.duration / min(plant.control_period, plant.integration_step)
-    size = max(1, int(min(_STEPS / (n ** 2 * steps), -(-len(numbers) // _FEWEST))))
+    second_of_work = 4e6 / (runs.joint_count ** 2 * steps)
+    size = max(1, int(min(second_of_work, -(-len(numbers) // 64))))
     return np.split(np.asarray(numbers), range(size, len(numbers), size))
 
 
-def compute(points: Points, made_by: str, chunk: Numbers) -> pyarrow.Table:
+def compute(runs: RunList, caller_version: str, chunk: Numbers) -> pyarrow.Table:
     """
-    Return the rows of a chunk; what they need is compiled first, if it is not on this machine.
+    Return the rows of a chunk.
+
+    Their code is compiled first, if it is not on this machine.
 
     Parameters
     ----------
-    points : Points
+    runs : RunList
         A map, a comparison, or candidates for gains on their draws.
-    made_by : str
-        `version` of the process that asks, and may be on another machine; empty for one that has
-        compiled what is needed.
+    caller_version : str
+        `version` of the process that asks, which may be on another machine. It is empty for one
+        that has compiled all code.
     chunk : sequence of int
         Numbers of the runs.
 
@@ -116,18 +126,18 @@ def compute(points: Points, made_by: str, chunk: Numbers) -> pyarrow.Table:
         If this process has another version of the package.
 
     """
-    if made_by and made_by != version():
-        raise CtcError(f'a worker has version {version()} of ctc_chattering, not {made_by}; '
-                       'install the same one everywhere')
-    if made_by:
-        _compile(points)
-    return pyarrow.Table.from_pylist([points.row(int(run)) for run in chunk], schema(points))
+    if caller_version and caller_version != version():
+        raise CtcError(f'a worker has version {version()} of ctc_chattering, not '
+                       f'{caller_version}; install the same one everywhere')
+    if caller_version:
+        _compile(runs)
+    return pyarrow.Table.from_pylist([runs.row(int(run)) for run in chunk], table_schema(runs))
 
 
 @lru_cache(1)
-def _compile(points: Any) -> None:
-    """Compile what runs need; a process that has many chunks of them asks once."""
-    compile_setups(points.examples(), lambda _: None)
+def _compile(runs: Any) -> None:
+    """Compile the code of runs once in a process."""
+    compile_setups(runs.examples(), lambda _: None)
 
 
 class Directory:
@@ -137,31 +147,38 @@ class Directory:
     Parameters
     ----------
     folder : OutputFolder
-        Which only this process writes.
-    about : mapping
-        As `about` returns it.
+        Folder that only this process writes.
+    metadata : mapping
+        As `table_metadata` returns it.
     columns : pyarrow.Schema
-        Of all rows.
-    kind : str
-        What `Points` are: ``map`` or ``compare``.
+        Columns of all rows.
+    command : str
+        Subcommand that writes the table: ``map`` or ``compare``.
 
     """
 
-    def __init__(self, folder: OutputFolder, about: Mapping[str, Any], columns: pyarrow.Schema,
-                 kind: str) -> None:
-        self.folder, self.path, self.key = folder, folder.path, about['key']
-        self._columns, self._kind = columns, kind
-        if not _key_there(folder.path, kind):
-            text = json.dumps(about, indent=2, ensure_ascii=False) + '\n'
-            with folder.replacing(f'{kind}.json') as stream:
+    def __init__(self, folder: OutputFolder, metadata: Mapping[str, Any],
+                 columns: pyarrow.Schema, command: str) -> None:
+        self.folder = folder
+        self.path = folder.path
+        self.key = metadata['key']
+        self._columns = columns
+        self._command = command
+        if not _existing_key(folder.path, command):
+            text = json.dumps(metadata, indent=2, ensure_ascii=False) + '\n'
+            with folder.replacing(f'{command}.json') as stream:
                 stream.write(text.encode())
 
     def file(self, chunk: Numbers) -> str:
-        """Return the file of a chunk, whose name changes with all that the rows depend on."""
+        """Return the file of a chunk."""
         return f'{SHARDS}/{_key([self.key, *map(int, chunk)])}.parquet'
 
     def rows(self, chunk: Numbers, show: Callable[[str], None]) -> pyarrow.Table | None:
-        """Return the rows of a chunk; None if there are none. `show` takes a line on damage."""
+        """
+        Return the rows of a chunk, or None.
+
+        `show` takes a line about a damaged file, which is removed.
+        """
         path = self.path / self.file(chunk)
         if not os.path.lexists(path):
             return None
@@ -173,7 +190,7 @@ class Directory:
             reason = 'it has other rows or columns'
         except (CtcError, ValueError, pyarrow.ArrowException, OSError) as error:
             reason = ' '.join(str(error).split())
-        show(f'{path}: damaged, {reason}; it is computed again')
+        show(f'{path}: the file is damaged ({reason}); it is computed again')
         with writing(path):
             path.unlink()
         return None
@@ -184,9 +201,9 @@ class Directory:
             write_table(table, stream)
 
     def merge(self, table: pyarrow.Table) -> pyarrow.Table:
-        """Write and return all rows in the order of the runs."""
+        """Write and return all rows in order."""
         table = table.sort_by('run').combine_chunks()
-        self.write(table, f'{self._kind}.parquet')
+        self.write(table, f'{self._command}.parquet')
         return table
 
 
@@ -195,9 +212,9 @@ def write_table(table: pyarrow.Table, stream: BinaryIO) -> None:
     parquet.write_table(table, stream, compression='zstd', write_page_checksum=True)
 
 
-def _key_there(path: Path, kind: str) -> str:
-    """Return the key of the table in a directory; empty without one."""
-    file = path / f'{kind}.json'
+def _existing_key(path: Path, command: str) -> str:
+    """Return the key of the table there, or an empty text."""
+    file = path / f'{command}.json'
     if not os.path.lexists(file):
         return ''
     with as_ctc_error(f'{file}: cannot be read'):
@@ -205,19 +222,19 @@ def _key_there(path: Path, kind: str) -> str:
 
 
 @contextmanager
-def opened(path: Path, about: Mapping[str, Any], columns: pyarrow.Schema, overwrite: bool = False,
-           kind: str = 'map') -> Iterator[Directory]:
+def open_directory(path: Path, metadata: Mapping[str, Any], columns: pyarrow.Schema,
+                   overwrite: bool = False, command: str = 'map') -> Iterator[Directory]:
     """
-    Hold the directory of a table for this process alone, however that ends.
+    Hold the directory of a table for this process.
 
-    The same table is continued where it is. Instead of another one, it is made beside it, and
-    takes its place when the context ends without an error; after an error it can be continued.
+    The same table is continued where it is. A table that replaces another one is made beside it.
+    It takes its place when the context ends without an error, and can be continued after one.
 
     Parameters
     ----------
     path : Path
-        Made if it does not exist.
-    about, columns, kind
+        Created if it does not exist.
+    metadata, columns, command
         As `Directory` takes them.
     overwrite : bool
         Replace a table that is there, the same or another one.
@@ -225,27 +242,27 @@ def opened(path: Path, about: Mapping[str, Any], columns: pyarrow.Schema, overwr
     Raises
     ------
     CtcError
-        If another table is there, or anything that ``ctc`` has not written; if another process
+        If another table is there, or anything that ``ctc`` has not written. If another process
         holds the directory, or it cannot be written.
 
     """
-    command = f'ctc {kind}'
-    check_owner(path, command)
-    place = path.resolve()
-    with held(place, command) as folder:
-        contents = read_contents(place)
+    owner = f'ctc {command}'
+    check_owner(path, owner)
+    target = path.resolve()
+    with held(target, owner) as folder:
+        contents = read_contents(target)
         for name in contents.changed:
             if not name.startswith(f'{SHARDS}/'):  # These are computed again.
-                raise CtcError(f'{path / name}: was changed since {command} wrote it; move it '
+                raise CtcError(f'{path / name}: was changed since {owner} wrote it; move it '
                                'away, or choose another --out')
-        if not overwrite and _key_there(place, kind) not in ('', about['key']):
-            raise CtcError(f'{path}: the output of {command} of another spec or version is '
-                           'there; choose another --out, or --overwrite')
+        if not overwrite and _existing_key(target, command) not in ('', metadata['key']):
+            raise CtcError(f'{path}: there is output of {owner} for another spec or version; '
+                           'choose another --out, or replace it with --overwrite')
         if not overwrite or not contents.output:
-            yield Directory(folder, about, columns, kind)
+            yield Directory(folder, metadata, columns, command)
             return
-        with beside(place, command) as new:
-            if _key_there(new.path, kind) != about['key']:
+        with beside(target, owner) as new:
+            if _existing_key(new.path, command) != metadata['key']:
                 new.begin()
-            yield Directory(new, about, columns, kind)
-            new.take_place(place)
+            yield Directory(new, metadata, columns, command)
+            new.take_place(target)

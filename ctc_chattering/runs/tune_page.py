@@ -12,7 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a search for gains writes: parameter files, numbers, figures and page; its text."""
+"""
+Report of a search for gains: text, numbers, figure, page and parameter files.
+
+`ctc tune` prints `report_text` of a `Tuning` and calls `write_tuning`. Candidates are the gains of
+other settings and those of the front. Each has a score on the draws of the search and on fresh
+ones.
+"""
 
 from __future__ import annotations
 
@@ -26,126 +32,145 @@ from ctc_chattering.analysis.drawing import legend_of
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.tables import columns, Table
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.number_format import format_joint_values, round_number
 from ctc_chattering.output_files import check_format, replacing, write_json
 from ctc_chattering.output_folder import new_folder
-from ctc_chattering.runs.figures import Mark, panels, trade_off
-from ctc_chattering.runs.spec import rows_of
+from ctc_chattering.runs.law_figures import draw_panels, draw_trade_off, Mark
+from ctc_chattering.runs.spec import spec_rows
 from ctc_chattering.runs.store import write_table
-from ctc_chattering.runs.tune import Candidate, CONSTRAINTS, OverDraws, RATE, TORQUE, Trial, Tuning
+from ctc_chattering.runs.tune import (
+    Candidate,
+    CONSTRAINTS,
+    GainsScore,
+    RATE,
+    TORQUE,
+    Trial,
+    Tuning,
+)
 from ctc_chattering.runs.tune_spec import SPACE, space, TuneSpec
 from matplotlib.figure import Figure
 
-#: Most joints whose numbers are all shown.
-_MANY = 3
-#: Names in the directory.
-TUNED, NUMBERS, TABLE, POINTS, FIGURES, PAGE = (
-    'tuned.yaml', 'tune.json', 'tune.parquet', 'front', 'figures', 'index.html')
-#: The command that writes it.
+#: The command that writes the files.
 TUNE = 'ctc tune'
-_LEAD = ('Gains with little error and little torque variation for a robot that is known in part: '
-         'the best compromises of a search, and what they do on draws that it has not seen.')
+#: Parameter file of the recommended point.
+TUNED = 'tuned.yaml'
+#: Folder with a parameter file of each point of the front.
+POINTS = 'front'
+NUMBERS = 'tune.json'
+TABLE = 'tune.parquet'
+PAGE = 'index.html'
+#: A cell has the number of each joint up to this many joints, and a range beyond.
+_MAX_JOINTS = 3
 _CAPTION = (
-    'A dot a trial; the front has those that no other beats in both. The numbers are those of the '
-    'table. Star, square, diamond and cross are on fresh draws. Where fresh draws lie above or to '
-    'the right of the front, the search has fitted its own draws.')
-#: Colours of the front on the draws of the search, on fresh draws, and of the recommended point.
-_DRAWN, _FRESH, _KNEE = '#0072B2', '#D55E00', '#CC3311'
-#: Colours and marks of other settings, and of other trials within the limits and beyond.
-_OTHERS = ('#222222', 's'), ('#7B5EA7', 'D'), ('#007A5A', 'P')
-_TRIALS = ('other trials within the limits', '.', '#88aacc'), ('beyond a limit', 'x', '#B8860B')
+    'A dot is a trial. No other trial beats one of the front in both error and variation. The '
+    'numbers are those of the table. Star, square, diamond and cross are on fresh draws. If they '
+    'lie above or to the right of the front, the search has fitted its own draws.')
+#: Colour and mark of each other setting.
+_OTHER_SETTINGS = ('#222222', 's'), ('#7B5EA7', 'D'), ('#007A5A', 'P')
 
 
-def facts(tuning: Tuning) -> Iterator[tuple[str, str]]:
-    """Yield what was done: heading and text."""
+def fact_rows(tuning: Tuning) -> Iterator[tuple[str, str]]:
+    """Yield headings and texts about the search."""
     spec, config = tuning.spec, tuning.spec.setup.controller
     yield 'law', f'{config.law} {config.switching_in_force}'.strip()
     yield 'search', (f'{len(tuning.trials)} trials × {len(tuning.drawn)} draws '
                      f'({spec.repeats.sampling}), seed {tuning.seed}')
     yield 'validation', f'{len(tuning.fresh)} fresh draws, seed {tuning.fresh.spec.repeats.seed}'
-    yield from rows_of({'uncertain': spec.tree['uncertain']})
-    for name, most, unit in ((TORQUE, spec.limits.torque, 'N·m'),
-                             (RATE, spec.limits.rate, 'N·m/s')):
-        yield f'limit of the {name}', 'none' if min(most) == inf else (
-            f'{format_joint_values(most)} {unit}')
+    yield from spec_rows({'uncertain': spec.tree['uncertain']})
+    for name, limit, unit in ((TORQUE, spec.limits.torque, 'N·m'),
+                              (RATE, spec.limits.rate, 'N·m/s')):
+        yield f'limit of the {name}', (
+            'none' if min(limit) == inf else f'{format_joint_values(limit)} {unit}')
+    counts = {name: sum(trial.score.excess[name] > 0.0 for trial in tuning.trials)
+              for name in CONSTRAINTS}
     yield 'trials that violate', ', '.join(
-        f'{name}: {n}' for name in CONSTRAINTS
-        if (n := sum(x.score.excess[name] > 0.0 for x in tuning.trials))) or 'none'
+        f'{name}: {count}' for name, count in counts.items() if count) or 'none'
 
 
-def violated(score: OverDraws) -> str:
-    """Return by how much, or in which part of the runs, what is violated; empty for nothing."""
+def violation_text(score: GainsScore) -> str:
+    """Return the violated constraints, each with its excess or the share of its runs."""
     return ', '.join(f'{name} {x:+.1%}' for name, x in score.excess.items() if x > 0.0)
 
 
-def table_of(tuning: Tuning) -> list[list[str]]:
-    """Return the rows of the table of candidates, the names of the columns first."""
+def candidate_table(tuning: Tuning) -> list[list[str]]:
+    """Return the table of candidates, the heads of the columns first."""
     gains = list(tuning.spec.gains(tuning.trials[0].numbers))
     rows = [['gains', *gains, 'error [rad]', 'fresh', 'variation [N·m/s]', 'fresh',
              'torque [N·m]', 'rate [N·m/s]', 'violates, fresh']]
-    for x in (*tuning.others, *tuning.points):
-        config = tuning.spec.setup.controller.changed(x.values)
-        values, searched = config.as_mapping(), space(config)
+    for candidate in (*tuning.others, *tuning.points):
+        drawn, fresh = candidate.drawn, candidate.fresh
         rows.append([
-            f'{x.name} *' if x is tuning.best else x.name,
-            *(format_joint_values(values[name], _MANY) if config.takes(name) and (
-                name in searched or name not in SPACE) else '' for name in gains),
-            f'{x.drawn.error:.3g}', f'{x.fresh.error:.3g}',
-            f'{x.drawn.variation:.4g}', f'{x.fresh.variation:.4g}',
-            *(format_joint_values([round_number(y) for y in most], _MANY)
-              for most in (x.fresh.torque, x.fresh.rate)),
-            violated(x.fresh)])
+            f'{candidate.name} *' if candidate is tuning.best else candidate.name,
+            *_gain_texts(tuning.spec.setup.controller.changed(candidate.values), gains),
+            f'{drawn.error:.3g}', f'{fresh.error:.3g}',
+            f'{drawn.variation:.4g}', f'{fresh.variation:.4g}',
+            format_joint_values([*map(round_number, fresh.torque)], _MAX_JOINTS),
+            format_joint_values([*map(round_number, fresh.rate)], _MAX_JOINTS),
+            violation_text(fresh)])
     return rows
 
 
+def _gain_texts(config: ControllerConfig, gains: Sequence[str]) -> Iterator[str]:
+    """Yield the gains of a law, empty for those that it lacks or that follow from others."""
+    values = config.as_mapping()
+    searched = space(config)
+    for name in gains:
+        is_shown = config.takes(name) and (name in searched or name not in SPACE)
+        yield format_joint_values(values[name], _MAX_JOINTS) if is_shown else ''
+
+
 def notes(tuning: Tuning) -> Iterator[str]:
-    """Yield what the user should know of the recommended point."""
+    """Yield warnings about the recommended point."""
     point = tuning.best
     if point is None:
-        yield f'no trial keeps the limits; {closest(tuning.trials)}'
+        yield f'no trial keeps the limits; {closest_trial_text(tuning.trials)}'
     elif not point.fresh.allowed:
         yield f'{point.name} violates limits on fresh draws, as all points do'
 
 
-def closest(trials: Sequence[Trial]) -> str:
-    """Return which trial comes closest to the limits, and what it violates."""
-    k, score = min(enumerate(x.score for x in trials), key=lambda x: max(x[1].excess.values()))
-    return f'trial {k} comes closest: {violated(score)}'
+def closest_trial_text(trials: Sequence[Trial]) -> str:
+    """Return the number of the trial that comes closest to the limits, and its violations."""
+    excess = [max(trial.score.excess.values()) for trial in trials]
+    k = excess.index(min(excess))
+    return f'trial {k} comes closest: {violation_text(trials[k].score)}'
 
 
-def text(tuning: Tuning) -> str:
-    """Return everything for a terminal."""
-    head = columns([[f'{name}:', value] for name, value in facts(tuning)])
-    return '\n'.join([*head, '', *columns(table_of(tuning)), '', *(
+def report_text(tuning: Tuning) -> str:
+    """Return facts, table and notes for a terminal."""
+    head = columns([[f'{name}:', value] for name, value in fact_rows(tuning)])
+    return '\n'.join([*head, '', *columns(candidate_table(tuning)), '', *(
         f'note: {note}' for note in notes(tuning))]).rstrip()
 
 
-def front_figure(tuning: Tuning) -> Figure:
-    """Draw error over torque variation: trials, the front, the validation, and others."""
-    figure, (ax,) = panels('Error and torque variation', [
-        f'what {tuning.percentile:g} % of the draws do not exceed'], 'RMS error [rad]', 5.2)
-    rest = [x.score for k, x in enumerate(tuning.trials) if k not in tuning.front]
-    for (name, marker, colour), within in zip(_TRIALS, (True, False)):
-        mine = [x for x in rest if x.allowed == within]
-        if mine:
-            ax.plot([x.variation for x in mine], [x.error for x in mine], marker, color=colour,
-                    markersize=5, label=f'{name} ({len(mine)})')
-    drawn, fresh = ([(x.variation, x.error) for x in found] for found in (
-        [x.drawn for x in tuning.points], [x.fresh for x in tuning.points]))
+def draw_front(tuning: Tuning) -> Figure:
+    """Draw error over torque variation: trials, the front, its fresh scores, and others."""
+    figure, (ax,) = draw_panels('Error and torque variation', [
+        f'bound that {tuning.percentile:g} % of the draws do not exceed'], 'RMS error [rad]', 5.2)
+    scores = [x.score for k, x in enumerate(tuning.trials) if k not in tuning.front]
+    for is_allowed, name, marker, colour in (
+            (True, 'other trials within the limits', '.', '#88aacc'),
+            (False, 'beyond a limit', 'x', '#B8860B')):
+        points = [(x.variation, x.error) for x in scores if x.allowed == is_allowed]
+        if points:
+            ax.plot(*zip(*points), marker, color=colour, markersize=5,
+                    label=f'{name} ({len(points)})')
+    drawn = [(x.drawn.variation, x.drawn.error) for x in tuning.points]
+    fresh = [(x.fresh.variation, x.fresh.error) for x in tuning.points]
     if drawn:
-        ax.plot(*zip(*drawn), 'o-', color=_DRAWN, label='front, draws of the search',
+        ax.plot(*zip(*drawn), 'o-', color='#0072B2', label='front, draws of the search',
                 linewidth=1.3, markersize=6, zorder=3)
-        ax.plot(*zip(*fresh), 'o', color=_FRESH, label='the same on fresh draws', markersize=6,
+        ax.plot(*zip(*fresh), 'o', color='#D55E00', label='the same on fresh draws', markersize=6,
                 markerfacecolor='white', zorder=3)
     marks: list[Mark] = [(x.fresh.variation, x.fresh.error, {
         'marker': marker, 'color': colour, 'markersize': 9, 'linestyle': '', 'zorder': 4,
         'markerfacecolor': 'none', 'markeredgewidth': 1.8, 'label': x.name})
-        for x, (colour, marker) in zip(tuning.others, _OTHERS)]
+        for x, (colour, marker) in zip(tuning.others, _OTHER_SETTINGS)]
     if tuning.best is not None:
         marks.append((tuning.best.fresh.variation, tuning.best.fresh.error, {
-            'marker': '*', 'color': _KNEE, 'markersize': 17, 'linestyle': '',
+            'marker': '*', 'color': '#CC3311', 'markersize': 17, 'linestyle': '',
             'markeredgecolor': 'white', 'zorder': 5, 'label': 'recommended point'}))
-    trade_off(ax, marks, 'without a finite error', [*drawn, *fresh])
+    draw_trade_off(ax, marks, 'without a finite error', [*drawn, *fresh])
     legend_of(ax)
     return figure
 
@@ -158,16 +183,17 @@ def write_tuning(tuning: Tuning, out: str | Path, extra: str = 'svg', command: s
     Parameters
     ----------
     tuning : Tuning
-        What `tune` has found.
+        Result of `tune`.
     out : str or Path
-        Directory for ``tuned.yaml``, which `simulate` and all nodes take, ``front``, with those
-        of all points, ``tune.json``, ``tune.parquet``, a row a run, ``figures``, ``index.html``.
+        Directory. ``tuned.yaml`` is for `simulate` and all nodes, and ``front`` has such a file of
+        each point. ``tune.parquet`` has a row a run. ``tune.json``, ``figures`` and
+        ``index.html`` are the others.
     extra : {'svg', 'pdf', 'png'}
         A second format for each figure.
     command : str
-        What was run, for the page.
+        Command line, for the page.
     overwrite : bool
-        Replace what an earlier call has written there.
+        Replace the files of an earlier call.
 
     Raises
     ------
@@ -185,24 +211,27 @@ def write_tuning(tuning: Tuning, out: str | Path, extra: str = 'svg', command: s
         with replacing(folder / TABLE) as stream:
             write_table(tuning.table, stream)
         figures = drawing.save(
-            [('front', front_figure(tuning), _CAPTION)], folder / FIGURES, ('svg', extra))
+            [('front', draw_front(tuning), _CAPTION)], folder / 'figures', ('svg', extra))
         write_page(tuning, figures, folder / PAGE, command)
 
 
 def write_page(tuning: Tuning, files: Sequence[FigureFile], path: Path, command: str = ''
                ) -> None:
-    """Write the page; raise `CtcError` if that cannot be done."""
-    head, *rows = table_of(tuning)
-    numbers = Table('', head, rows, note=(
+    """Write the page, or raise `CtcError` if that fails."""
+    head, *rows = candidate_table(tuning)
+    table = Table('', head, rows, note=(
         '* recommended: of all under the tuned law that keep the limits on fresh draws, the one '
-        'with the smallest product of error and torque variation there. These are '
-        f'what {tuning.percentile:g} % of the draws do not exceed; torque and rate are the '
+        'with the smallest product of error and torque variation there. The numbers are bounds '
+        f'that {tuning.percentile:g} % of the draws do not exceed. Torque and rate are the '
         'largest of all fresh draws. A column fresh is on draws that the search has not seen.'))
-    page.write_page(path, 'Gains that were tuned', _LEAD, [
-        page.Section('Result', [*files, *map(page.Note, notes(tuning)), numbers]),
-        page.Section('What was run', [Table('', (), list(facts(tuning)))])],
-        [(name, name) for name in (TUNED, POINTS, NUMBERS, TABLE) if (
-            tuning.best or name in (NUMBERS, TABLE))], command)
+    lead = ('Gains with little error and little torque variation for a robot that is known in '
+            'part: the best compromises of a search, and their scores on draws that it has not '
+            'seen.')
+    written = (TUNED, POINTS, NUMBERS, TABLE) if tuning.best else (NUMBERS, TABLE)
+    page.write_page(path, 'Gains that were tuned', lead, [
+        page.Section('Result', [*files, *map(page.Note, notes(tuning)), table]),
+        page.Section('What was run', [Table('', (), list(fact_rows(tuning)))])],
+        [(name, name) for name in written], command)
 
 
 def write_parameters(spec: TuneSpec, point: Candidate, path: Path) -> None:
@@ -221,10 +250,10 @@ def write_parameters(spec: TuneSpec, point: Candidate, path: Path) -> None:
 
 
 def as_mapping(tuning: Tuning) -> dict[str, Any]:
-    """Return everything as JSON has it."""
+    """Return all numbers for JSON."""
     spec, config = tuning.spec, tuning.spec.setup.controller
 
-    def score(x: OverDraws) -> dict[str, Any]:
+    def score(x: GainsScore) -> dict[str, Any]:
         return {'error_rad': x.error, 'torque_variation_nm_per_s': x.variation,
                 'max_torque_nm': x.torque, 'max_torque_rate_nm_per_s': x.rate,
                 'excess': x.excess}

@@ -13,10 +13,11 @@
 # limitations under the License.
 
 """
-What is tuned: a robot that is known in part, a law, where each of its numbers is searched.
+Specs of searches for gains.
 
-The numbers suit robots of every size: where joints differ, a number times what the file has for
-each joint.
+`ctc tune` reads it by `tune_spec`, from a file or from the output of `ctc identify`. The numbers
+that are searched suit robots of every size. Where joints differ, a number times a gain of the
+file is that of each joint.
 """
 
 from __future__ import annotations
@@ -40,42 +41,36 @@ from ctc_chattering.errors import CtcError, ParameterError, prefixed
 from ctc_chattering.input_files import read_text
 from ctc_chattering.number_format import round_number
 from ctc_chattering.parameters import LEAST
-from ctc_chattering.runs.recommended import recommended_setup
-from ctc_chattering.runs.score import limits
+from ctc_chattering.runs.conditions import MIN_START_DURATION_S
+from ctc_chattering.runs.recommended import FILE, LawSettings, RECOMMENDED, recommended_setup
+from ctc_chattering.runs.score import torque_limits
 from ctc_chattering.runs.spec import (
     Failure,
     KEYS,
     MapSpec,
-    parse,
+    parse_spec,
     read_law,
+    read_setup,
     read_value,
 )
 
-#: What is uncertain of model, of friction, and of lag and noise that the file has.
-_MODEL: dict[str, Any] = {'parameters': ['controller.inertia_scale', 'controller.gravity_scale'],
-                          'uniform': [0.9, 1.1]}
-_FACTOR: dict[str, Any] = {'uniform': [0.8, 1.2], 'factor': True}
-#: Draws, where the spec does not say how many.
+#: Number of draws by default.
 DRAWS = 32
-#: Draws for the validation, for each one of the search.
-_FRESH = 4
-#: Shortest smooth start [s]: a start with a large error is no measure of gains.
-_START = 2.0
-#: Keys of the section `tune`, and of the spec: those of `ctc map` that have a meaning here.
-_OF_TUNE = ('law', 'switching', 'torque_limit', 'torque_rate_limit', 'search')
-_KEYS = tuple(x for x in KEYS if x not in ('axes', 'laws', 'failure', 'refine'))
+#: Parameters of the controller that scale its model.
+_MODEL_SCALES = ['controller.inertia_scale', 'controller.gravity_scale']
+#: Numbers of a trial by name.
+Numbers = dict[str, float]
 
 
 class Range(NamedTuple):
-    """Range of a number that is searched, on a logarithmic scale."""
+    """Range of a number, on a logarithmic scale."""
 
     low: float
     high: float
 
 
-#: What is searched. `pole` is p and `damping` d in ``kp = p²``, ``kv = 2 d p``; `ka` and
-#: `friction_level` are multiples of the file's, `ki` of ``kp kv``, and `adaptation_gain` of the
-#: Coulomb friction.
+#: Ranges of the search. `pole` is p and `damping` d in ``kp = p²``, ``kv = 2 d p``. `ka` is a
+#: multiple of the file's, `ki` of ``kp kv``, and `adaptation_gain` of the Coulomb friction.
 SPACE: dict[str, Range] = {
     'pole': Range(5.0, 500.0),
     'damping': Range(0.4, 4.0),
@@ -96,21 +91,21 @@ SPACE: dict[str, Range] = {
 
 
 def space(config: ControllerConfig) -> dict[str, Range]:
-    """Return what is searched: kp and kv, and what law and switching in force declare."""
+    """Return the ranges of the gains of a law."""
     names = ('pole', 'damping', *config.law_parameters)
-    return {name: x for name, x in SPACE.items() if name in names
+    return {name: limits for name, limits in SPACE.items() if name in names
             and OF_SWITCHING.get(name, config.switching) == config.switching}
 
 
 def gains(numbers: Mapping[str, float], config: ControllerConfig, friction: tuple[float, ...]
           ) -> dict[str, Any]:
     """
-    Return the parameters that the numbers of a trial mean.
+    Return the gains that numbers of a trial mean.
 
     Parameters
     ----------
     numbers : mapping
-        Of everything in `space`.
+        A number for every name in `space`.
     config : ControllerConfig
         The file's, with the law and switching.
     friction : tuple of float, shape (n,)
@@ -118,62 +113,71 @@ def gains(numbers: Mapping[str, float], config: ControllerConfig, friction: tupl
 
     """
     n = len(config.joint_names)
-    kp, kv = numbers['pole'] ** 2, 2.0 * numbers['damping'] * numbers['pole']
+    kp = numbers['pole'] ** 2
+    kv = 2.0 * numbers['damping'] * numbers['pole']
     values: dict[str, Any] = {'kp': [kp] * n, 'kv': [kv] * n}
-    for name in space(config):
-        if name not in ('pole', 'damping'):
-            x = numbers[name]
-            per_joint = config.parameters()[name].shape
-            values[name] = [x * y for y in _scales(name, kp * kv, config, friction)
-                            ] if per_joint else x
+    for name in (*space(config),)[2:]:  # Without pole and damping.
+        values[name] = numbers[name]
+        if config.parameters()[name].shape:
+            scales = _scales(name, kp * kv, config, friction)
+            values[name] = [numbers[name] * x for x in scales]
     return values
 
 
-def starts(config: ControllerConfig, friction: tuple[float, ...], known: Mapping[str, Any],
-           ranges: Mapping[str, Range]) -> list[dict[str, float]]:
+def first_numbers(config: ControllerConfig, friction: tuple[float, ...],
+                  by_rule: Mapping[str, Any], ranges: Mapping[str, Range]) -> list[Numbers]:
     """
-    Return the numbers of the first two trials, within the ranges.
+    Return the numbers of the first two trials.
+
+    Those of the first mean the gains of the file on joint 1. Those of the second are by the rule
+    of `observer_feedback` where it has them: `kp`, `kv`, `ka` and `estimator_bandwidth`. Other
+    gains of the second suit a triple pole of `integral`, the observer of `chattering`, and a
+    reversal of 10 ms. The rest is that of the first.
 
     Parameters
     ----------
     config, friction
-        As `gains` has them; their numbers, those of joint 1, are the first.
-    known : mapping
-        What is recommended for `observer_feedback`, by parameter: of its `kp`, `kv` and `ka`, and
-        the triple pole of `integral` and the observer of `chattering` for a robot, are the
-        second, with what suits a reversal of 10 ms, and the first for all else.
+        As `gains` has them.
+    by_rule : mapping
+        Recommended gains of `observer_feedback`, by parameter.
     ranges : mapping
-        Where to search.
+        Ranges of the search.
 
     """
     kp, kv = config.kp[0], config.kv[0]
-    values = config.as_mapping()
     file = {'pole': sqrt(kp), 'damping': 0.5 * kv / sqrt(kp)}
-    for name in space(config):
-        if name not in file:
-            x = values[name]
-            file[name] = x[0] / _scales(name, kp * kv, config, friction)[0] if isinstance(
-                x, tuple) else x
-    pole = sqrt(known['kp'][0])
-    other = {'pole': pole, 'damping': 0.5 * known['kv'][0] / pole,
-             'ka': known['ka'][0] / (config.ka[0] or 1.0), 'ki': 1.0 / 9.0,
-             'estimator_bandwidth': known['estimator_bandwidth'],
-             'friction_lead': 5e-3, 'friction_velocity': 0.1, 'lead_ratio': 0.1,
-             'observer_bandwidth': config.parameters()['observer_bandwidth'].default}
-    return [{name: min(max(x[name], limits.low), limits.high) for name, limits in ranges.items()}
-            for x in (file, {**file, **other})]
+    for name in (*space(config),)[2:]:
+        value = config.as_mapping()[name]
+        if isinstance(value, tuple):
+            value = value[0] / _scales(name, kp * kv, config, friction)[0]
+        file[name] = value
+    pole = sqrt(by_rule['kp'][0])
+    recommended = file | {
+        'pole': pole, 'damping': 0.5 * by_rule['kv'][0] / pole,
+        'ka': by_rule['ka'][0] / (config.ka[0] or 1.0), 'ki': 1.0 / 9.0,
+        'estimator_bandwidth': by_rule['estimator_bandwidth'],
+        'friction_lead': 5e-3, 'friction_velocity': 0.1, 'lead_ratio': 0.1,
+        'observer_bandwidth': config.parameters()['observer_bandwidth'].default}
+    return [{name: min(max(numbers[name], limits.low), limits.high)
+             for name, limits in ranges.items()} for numbers in (file, recommended)]
 
 
 def _scales(name: str, product: float, config: ControllerConfig, friction: tuple[float, ...]
             ) -> tuple[float, ...]:
-    """Return by what a number of one gain is multiplied on each joint, shape (n,)."""
-    n = len(config.joint_names)
-    return {'ka': tuple(x or 1.0 for x in config.ka), 'ki': (product,) * n,
-            'adaptation_gain': tuple(x or 1.0 for x in friction)}.get(name, (1.0,) * n)
+    """Return the factors from a number to gains, shape (n,)."""
+    if name == 'ka':
+        return tuple(x or 1.0 for x in config.ka)
+    if name == 'adaptation_gain':
+        return tuple(x or 1.0 for x in friction)
+    return (product if name == 'ki' else 1.0,) * len(config.joint_names)
 
 
 class Limits(NamedTuple):
-    """Largest torque [N·m] and torque rate [N·m/s] of each joint, shape (n,); inf for none."""
+    """
+    Largest torque [N·m] and torque rate [N·m/s].
+
+    They have the shape (n,), and inf for no limit.
+    """
 
     torque: tuple[float, ...]
     rate: tuple[float, ...]
@@ -182,18 +186,18 @@ class Limits(NamedTuple):
 @dataclasses.dataclass(frozen=True)
 class TuneSpec(MapSpec):
     """
-    A checked spec: that of a map of draws, under the law that is tuned, and how to tune it.
+    A checked spec of a search.
 
     Attributes
     ----------
     file : Setup
         The robot with the law and gains of its file, a smooth start, and no events.
     values : mapping
-        Parameters of the file for `parameter_file.dump`, by node; with its own duration.
+        Parameters of the file for `parameter_file.dump`, by node, with its own duration.
     limits : Limits
-        Of the torque.
+        Limits of the torque.
     ranges : mapping of str to Range
-        Where each number is searched.
+        Range of each number.
 
     """
 
@@ -203,144 +207,163 @@ class TuneSpec(MapSpec):
     ranges: Mapping[str, Range]
 
     def gains(self, numbers: Mapping[str, float]) -> dict[str, Any]:
-        """Return the parameters of the controller that numbers mean, to four digits."""
-        found = gains(numbers, self.setup.controller, self.setup.plant.coulomb_friction)
-        return {name: _rounded(x) for name, x in found.items()}
+        """Return the gains that numbers mean, to four digits."""
+        values = gains(numbers, self.setup.controller, self.setup.plant.coulomb_friction)
+        return {name: [round_number(x, 4) for x in value] if isinstance(value, list)
+                else round_number(value, 4) for name, value in values.items()}
+
+    def law(self, name: str, numbers: Mapping[str, float]) -> LawSettings:
+        """Return the tuned law with its gains."""
+        config = self.setup.controller
+        return LawSettings(config.law, config.switching_in_force, values=self.gains(numbers),
+                           name=name)
 
     @cached_property
-    def references(self) -> dict[str, dict[str, Any]]:
-        """Return the gains of the file, the first, and recommended ones, by name."""
-        law, tuned = self.setup.controller.law, self.setup.controller.as_mapping()
-        setups = {'file': self.file, **{f'recommended {name}': recommended_setup(self.file, name)
-                                        for name in dict.fromkeys((law, RECOMMENDED_LAW))}}
-        found = {}
-        for name, setup in setups.items():
+    def references(self) -> tuple[LawSettings, ...]:
+        """Laws to compare with: gains of the file and recommended."""
+        tuned = self.setup.controller
+        by_rule = [recommended_setup(self.file, law)
+                   for law in dict.fromkeys((tuned.law, RECOMMENDED_LAW))]
+        laws = []
+        for setup in (self.file, *by_rule):
             config = setup.controller
-            words = (name, '' if config.law in name else config.law, config.switching_in_force)
-            found[' '.join(filter(None, words))] = {
-                key: x for key, x in config.as_mapping().items() if x != tuned[key]}
-        return found
+            switching = config.switching_in_force
+            words = (FILE if setup is self.file else RECOMMENDED, config.law, switching)
+            values = {name: x for name, x in config.as_mapping().items()
+                      if x != tuned.as_mapping()[name]}
+            laws.append(LawSettings(config.law, switching, values=values,
+                                    name=' '.join(filter(None, words))))
+        return tuple(laws)
 
     def fresh(self) -> TuneSpec:
-        """Return the spec of the validation: more draws, of another seed and with other noise."""
+        """
+        Return the spec of the validation.
+
+        It has four times the draws, of another seed and noise.
+        """
         n = self.repeats.repeats
         return dataclasses.replace(self, repeats=self.repeats.changed(
-            {'repeats': _FRESH * n, 'seed': self.repeats.seed + n}))
+            {'repeats': 4 * n, 'seed': self.repeats.seed + n}))
 
 
 def parse_tune(tree: object, path: Path) -> TuneSpec:
     """
-    Return what a spec says.
+    Return the checked spec.
 
     Parameters
     ----------
     tree : object
         Contents of the spec: keys of a spec of `ctc map` but `axes`, `laws`, `refine` and
-        `failure`, and `tune`. Without `uncertain`, `usual` is.
+        `failure`, and `tune`. `uncertain` is by default that of `usual_uncertainty`.
     path : Path
-        Of the spec; relative paths in it count from its directory.
+        Path of the spec. Relative paths in it count from its directory.
 
     Raises
     ------
     CtcError
-        Naming the key, its value and what is allowed; before anything is run.
+        Naming the key, its value and the allowed ones, before anything is run.
 
     """
-    given = {'repeats': DRAWS, **mapping('spec', tree, _KEYS)}
-    spec = parse(given, path)
-    if 'uncertain' not in given:
-        return parse_tune({**given, 'uncertain': usual(spec.setup)}, path)
+    keys = tuple(x for x in KEYS if x not in ('axes', 'laws', 'failure', 'refine'))
+    values = {'repeats': DRAWS, **mapping('spec', tree, keys)}
+    if 'uncertain' not in values:
+        values['uncertain'] = usual_uncertainty(read_setup(values, path.parent))
+    spec = parse_spec(values, path)
     if spec.repeats.sampling == 'saltelli':
         raise ParameterError('sampling', 'saltelli', 'random | latin_hypercube | sobol')
-    section = mapping('tune', given.get('tune') or {}, _OF_TUNE)
+    section = mapping('tune', values.get('tune') or {}, (
+        'law', 'switching', 'torque_limit', 'torque_rate_limit', 'search'))
+    # A start with a large error is no measure of gains.
+    start = max(spec.setup.reference.start_duration, MIN_START_DURATION_S)
+    file = dataclasses.replace(
+        spec.setup.changed({'reference': {'start_duration': start}}), events=())
+    law = _read_tuned_law(section, file)
+    setup = file.changed({'controller': law.parameters})
+    # The tuned file keeps the duration of its own, not that of the spec.
+    untimed = parameter_file.load(find_config(values.get('params_file', 'friction'), path.parent),
+                                  values.get('overrides', {}))
+    dumped = {**file.values, 'bringup': {**file.values['bringup'], 'events': ['']},
+              'plant': {**file.values['plant'], 'duration': untimed.plant.duration}}
+    of_map = vars(spec) | {'setup': setup, 'variants': (law,), 'failure': Failure()}
+    tuned = TuneSpec(**of_map, file=file, values=dumped, limits=_read_limits(section, setup),
+                     ranges=_read_ranges(section.get('search') or {}, setup))
+    _check_gains(tuned)
+    return tuned
+
+
+def usual_uncertainty(setup: Setup) -> dict[str, Any]:
+    """Return the uncertain quantities of a robot by default."""
+    factor = {'uniform': [0.8, 1.2], 'factor': True}
+    plant = setup.plant
+    uncertain: dict[str, Any] = {'model': {'parameters': _MODEL_SCALES, 'uniform': [0.9, 1.1]}}
+    if any(plant.coulomb_friction):
+        uncertain['friction'] = {'parameter': 'plant.coulomb_friction', **factor}
+    lag = factor if any(plant.actuator_lag) else {'uniform': [0.0, 2e-3]}
+    noise = factor if any(plant.velocity_noise) else {'log_uniform': [1e-4, 2e-3]}
+    return uncertain | {'lag': {'parameter': 'plant.actuator_lag', **lag},
+                        'noise': {'parameter': 'plant.velocity_noise', **noise}}
+
+
+def _read_tuned_law(section: Mapping[str, Any], file: Setup) -> LawSettings:
+    """Return the law that is tuned."""
     law = {'law': section.get('law', RECOMMENDED_LAW)}
     if 'switching' in section or law['law'] in laws_by_parameter()['switching']:
         law['switching'] = section.get('switching', RECOMMENDED_SWITCHING)
-    start = max(spec.setup.reference.start_duration, _START)
-    file = dataclasses.replace(
-        spec.setup.changed({'reference': {'start_duration': start}}), events=())
-    variant = read_law('tune', law, file)
-    setup = file.changed({'controller': variant.values})
-    own = parameter_file.load(find_config(given.get('params_file', 'friction'), path.parent),
-                              given.get('overrides', {}))  # It has the duration of the file.
-    values = {**file.values, 'bringup': {**file.values['bringup'], 'events': ['']},
-              'plant': {**file.values['plant'], 'duration': own.plant.duration}}
-    found = TuneSpec(**{
-        **vars(spec), 'setup': setup, 'variants': (variant,), 'failure': Failure()},
-        file=file, values=values, limits=_limits(section, setup),
-        ranges=_ranges(section.get('search') or {}, setup))
-    _check(found)
-    return found
+    return read_law('tune', law, file)
 
 
-def usual(setup: Setup) -> dict[str, Any]:
-    """Return what is uncertain of a robot where nothing says so."""
-    plant, found = setup.plant, {'model': _MODEL}
-    if any(plant.coulomb_friction):
-        found['friction'] = {'parameter': 'plant.coulomb_friction', **_FACTOR}
-    found['lag'] = {'parameter': 'plant.actuator_lag', **(
-        _FACTOR if any(plant.actuator_lag) else {'uniform': [0.0, 2e-3]})}
-    found['noise'] = {'parameter': 'plant.velocity_noise', **(
-        _FACTOR if any(plant.velocity_noise) else {'log_uniform': [1e-4, 2e-3]})}
-    return found
-
-
-def _limits(section: Mapping[str, Any], setup: Setup) -> Limits:
-    """Return the limits that the spec gives; else the least of all that is known."""
-    plant, config, n = setup.plant, setup.controller, len(setup.plant.joint_names)
+def _read_limits(section: Mapping[str, Any], setup: Setup) -> Limits:
+    """Return the limits of the spec, or the known ones."""
+    plant, config = setup.plant, setup.controller
     rates = (config.effort_rate_limit, config.torque_rate_limit, plant.torque_rate_limit)
+    known_limits = {'torque_limit': torque_limits(setup),
+                    'torque_rate_limit': map(min, zip(*filter(None, rates)))}
     return Limits(*(
-        read_value(f'tune.{name}', 'float[]', section[name], n, minimum=LEAST, infinite=True,
-                   shape='n') if name in section else tuple(known)
-        for name, known in (('torque_limit', limits(setup)),
-                            ('torque_rate_limit', map(min, zip(*filter(None, rates)))))))
+        read_value(f'tune.{name}', 'float[]', section[name], len(plant.joint_names),
+                   minimum=LEAST, infinite=True, shape='n')
+        if name in section else tuple(limit) for name, limit in known_limits.items()))
 
 
-def _ranges(tree: object, setup: Setup) -> dict[str, Range]:
-    """Return where each number is searched: from `SPACE`, or the spec."""
-    known = space(setup.controller)
-    ranges = dict(known)
-    for name, value in mapping('tune.search', tree, tuple(known)).items():
-        numbers = read_value(f'tune.search.{name}', 'float[]', value if isinstance(
-            value, list) else [value, value], minimum=LEAST)
+def _read_ranges(tree: object, setup: Setup) -> dict[str, Range]:
+    """Return the ranges of the spec above those of `SPACE`."""
+    ranges = space(setup.controller)
+    for name, value in mapping('tune.search', tree, tuple(ranges)).items():
+        ends = value if isinstance(value, list) else [value, value]
+        numbers = read_value(f'tune.search.{name}', 'float[]', ends, minimum=LEAST)
         if len(numbers) != 2 or numbers[0] > numbers[1]:
             raise ParameterError(f'tune.search.{name}', value, 'a number > 0, or two, ascending')
         ranges[name] = Range(*numbers)
     return ranges
 
 
-def _check(spec: TuneSpec) -> None:
-    """Check that all gains searched are allowed, and that no draw sets one of them."""
-    for end in ('low', 'high'):
-        values = spec.gains({name: getattr(x, end) for name, x in spec.ranges.items()})
+def _check_gains(spec: TuneSpec) -> None:
+    """Check that gains are allowed and not drawn."""
+    for end in (0, 1):
+        values = spec.gains({name: limits[end] for name, limits in spec.ranges.items()})
         with prefixed('tune.search.'):
             spec.setup.controller.changed(values)
     for quantity in spec.uncertain:
         for node, target in quantity.targets:
             if node == 'controller' and target.name in (*values, 'law', 'switching'):
-                raise CtcError(f'uncertain.{quantity.name}: {node}.{target.name} is tuned; '
-                               'allowed: what is not')
+                raise CtcError(
+                    f'uncertain.{quantity.name}: {node}.{target.name} is tuned, so that it cannot '
+                    'be uncertain; allowed: a parameter that the search does not set')
 
 
-def _rounded(value: Any) -> Any:
-    """Return a number, or a list of them, to four digits."""
-    return [_rounded(x) for x in value] if isinstance(value, list) else round_number(value, 4)
-
-
-#: Names in the directory that `ctc identify` writes.
-VALUES, NUMBERS = 'identified.yaml', 'identify.json'
-#: Part of M, C and G that may be wrong in any case.
-_MODEL_PART = 0.05
+#: Parameter file in the directory that `ctc identify` writes.
+VALUES = 'identified.yaml'
+#: Numbers in that directory.
+NUMBERS = 'identify.json'
 
 
 def identified_spec(directory: Path, tree: Mapping[str, Any]) -> TuneSpec:
     """
-    Return what is tuned, from what `ctc identify` has written.
+    Return the spec of an identified robot.
 
     Parameters
     ----------
     directory : Path
-        With `identified.yaml` and `identify.json`.
+        Output of `ctc identify`, with `identified.yaml` and `identify.json`.
     tree : mapping
         Further keys of the spec.
 
@@ -353,11 +376,11 @@ def identified_spec(directory: Path, tree: Mapping[str, Any]) -> TuneSpec:
     path = directory / NUMBERS
     setup = parameter_file.load(directory / VALUES)
     try:
-        found = json.loads(read_text(path))
-        uncertain = dict((*_friction(found), *_drives(found), *_model(found)))
+        numbers = json.loads(read_text(path))
+        uncertain = dict((*_friction(numbers), *_drives(numbers), *_model(numbers)))
     except (ValueError, KeyError, TypeError, AttributeError, IndexError):
         raise CtcError(f'{path}: not a file of ctc identify') from None
-    # The rate in the file is what the recommended law makes do with, no limit of the drives.
+    # The rate in the file suffices for the recommended law, and is no limit of the drives.
     rate = setup.plant.torque_rate_limit
     section = {'torque_rate_limit': list(rate) if rate else inf, **(tree.get('tune') or {})}
     return parse_tune({
@@ -365,44 +388,53 @@ def identified_spec(directory: Path, tree: Mapping[str, Any]) -> TuneSpec:
         'uncertain': {**(tree.get('uncertain') or {}), **uncertain}}, directory / VALUES)
 
 
-def _friction(found: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield factors of friction: for all joints, the widest interval of any."""
+def _friction(numbers: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """
+    Yield factors of friction.
+
+    For all joints it is the widest interval of any.
+    """
     for name in ('coulomb', 'viscous'):
-        part = max((_half(x[name]) / x[name]['value'] for x in found['friction']
-                    if (x[name]['value'] or 0.0) > 0.0), default=0.0)
-        if part > 0.0:
+        terms = [joint[name] for joint in numbers['friction']]
+        half_widths = [_half_interval(x) / x['value'] for x in terms if (x['value'] or 0.0) > 0.0]
+        if half_widths and (widest := max(half_widths)) > 0.0:
             yield name, {'parameter': f'plant.{name}_friction', 'factor': True,
-                         'uniform': [max(0.0, 1.0 - part), 1.0 + part]}
+                         'uniform': [max(0.0, 1.0 - widest), 1.0 + widest]}
 
 
-def _drives(found: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield the delays that are possible, and all lags that are so of any joint with any delay."""
-    delays = [int(x['delay_samples']) for x in found['delays_possible']]
+def _drives(numbers: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield the possible delays, and lags of any joint."""
+    delays = [int(x['delay_samples']) for x in numbers['delays_possible']]
     if len(delays) > 1:
         yield 'delay', {'parameter': 'plant.input_delay', 'choice': delays}
-    ends = [float(end) for x in found['delays_possible']
+    ends = [float(end) for x in numbers['delays_possible']
             for interval in x['actuator_lag_interval_95_s'] for end in interval]
     if ends and max(ends) > max(0.0, min(ends)):
         yield 'lag', {'parameter': 'plant.actuator_lag', 'uniform': [
             max(0.0, min(ends)), max(ends)]}
 
 
-def _model(found: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield a scale of the controller's model."""
-    part = max(_MODEL_PART, float(found.get('bodies_uncertainty', 0.0)))
-    yield 'model', {**_MODEL, 'uniform': [1.0 - min(part, 0.9), 1.0 + part]}
+def _model(numbers: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield a scale of the controller's model, at least ±5 %."""
+    half_width = max(0.05, float(numbers.get('bodies_uncertainty', 0.0)))
+    yield 'model', {'parameters': _MODEL_SCALES,
+                    'uniform': [1.0 - min(half_width, 0.9), 1.0 + half_width]}
 
 
-def _half(number: Mapping[str, Any]) -> float:
-    """Return half the interval of a number; 0 without one."""
+def _half_interval(number: Mapping[str, Any]) -> float:
+    """Return half the interval of a number, or 0."""
     low, high = number.get('interval_95') or (0.0, 0.0)
     return 0.5 * float(high - low)
 
 
 def tune_spec(spec: TuneSpec | Mapping[str, Any] | str | Path,
-              identified: str | Path | None = None, more: Mapping[str, Any] | None = None
+              identified: str | Path | None = None, changes: Mapping[str, Any] | None = None
               ) -> TuneSpec:
-    """Return what a spec, or a parameter file alone, has tuned; `more` in place of its keys."""
+    """
+    Return the spec of a file or a mapping.
+
+    A parameter file alone is one with all defaults. `changes` win over keys of the file.
+    """
     if isinstance(spec, TuneSpec):
         return spec
     if isinstance(spec, Mapping):
@@ -412,6 +444,6 @@ def tune_spec(spec: TuneSpec | Mapping[str, Any] | str | Path,
     path = Path(spec)
     tree = read_yaml(path, FileKind.SPEC, FileKind.PARAMETERS)
     if detect_kind(tree) == FileKind.PARAMETERS:
-        return tune_spec({'params_file': str(path), **(more or {})})
+        return tune_spec({'params_file': str(path), **(changes or {})})
     with prefixed(f'{path}: '):
-        return parse_tune({**tree, **(more or {})} if isinstance(tree, dict) else tree, path)
+        return parse_tune({**tree, **(changes or {})} if isinstance(tree, dict) else tree, path)

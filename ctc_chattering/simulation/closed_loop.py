@@ -321,7 +321,7 @@ class _Loop:
 
 
 def _no_torque(t: float, q: Vector, dq: Vector) -> CtcError:
-    return CtcError(f'no torque can be computed at t = {t:g} s for {list(q)}, {list(dq)}')
+    return CtcError(f'the law has no finite torque at t = {t:g} s for {list(q)}, {list(dq)}')
 
 
 def _beyond_limit(config: ControllerConfig, joint: int, t: float, error: float) -> CtcError:

@@ -114,7 +114,7 @@ def own_friction(name: str, joint_names: Sequence[str]) -> Any:
     marked = named_class(
         'friction_model', name, lambda x: x in RECORDS and hasattr(x, 'resistance'),
         'class marked by @record with a method resistance')
-    with as_ctc_error(f'the friction_model {name} cannot be made'):
+    with as_ctc_error(f'the friction_model {name} cannot be constructed'):
         accept_old_name(marked, 'made', 'for_joints')
         friction = marked.for_joints(tuple(joint_names))
         at_rest = friction.resistance(np.zeros(n), np.zeros(n), np.ones(n))

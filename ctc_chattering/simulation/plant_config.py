@@ -43,18 +43,21 @@ class PlantConfig(RobotConfig):
     """Parameters of the simulated plant and of the run."""
 
     payload: float = parameter(
-        0.0, 'Mass at the end of the arm, unknown to the model; URDF only.', 'kg', read_only=True)
+        0.0, 'Mass at the end of the arm that the model does not know; for a URDF only.',
+        'kg', read_only=True)
     coulomb_friction: PerJoint = parameter(9.9, 'Coulomb friction Kf.', 'N*m')
     viscous_friction: PerJoint = parameter(
         0.0, 'Viscous friction coefficient.', 'N*m*s/rad')
     stribeck_friction: PerJoint = parameter(
-        0.0, 'Friction at rest beyond Kf; fades as exp(-(dq / stribeck_velocity)^2).', 'N*m')
+        0.0, 'Additional friction at rest beyond Kf, which fades as exp(-(dq / '
+        'stribeck_velocity)^2).', 'N*m')
     stribeck_velocity: PerJoint = parameter(
-        0.05, 'Velocity at which stribeck_friction is 1/e.', 'rad/s', minimum=LEAST)
+        0.05, 'Velocity at which the additional friction has faded to 1/e.',
+        'rad/s', minimum=LEAST)
     load_friction: PerJoint = parameter(
-        0.0, 'Fraction of the magnitude of the mean torque that adds to Kf.', maximum=0.9)
+        0.0, "Fraction of the mean torque's magnitude that adds to Kf.", maximum=0.9)
     friction_asymmetry: PerJoint = parameter(
-        0.0, 'Coulomb friction is Kf (1 + this) forwards and Kf (1 - this) backwards.',
+        0.0, 'Asymmetry a of Coulomb friction, Kf (1 + a) forwards and Kf (1 - a) backwards.',
         minimum=-1.0, maximum=1.0)
     friction_model: str = parameter(
         '', 'Friction of your own; empty for none.', choices=('',), custom=True, read_only=True)
@@ -73,7 +76,7 @@ class PlantConfig(RobotConfig):
         0.0, 'Frequency of the disturbance d(t).', 'rad/s', name='disturbance.frequency',
         minimum=-inf)
     disturbance_push: PerJoint = parameter(
-        0.0, 'Torque added for disturbance.push_duration after it is set.', 'N*m',
+        0.0, 'Torque of a push that lasts disturbance.push_duration from when it is set.', 'N*m',
         name='disturbance.push', minimum=-inf)
     disturbance_push_duration: float = parameter(
         0.2, 'Duration of a push.', 's', name='disturbance.push_duration', maximum=3600.0)
@@ -88,20 +91,21 @@ class PlantConfig(RobotConfig):
     encoder_resolution: PerJoint = parameter(
         0.0, 'Quantisation step of the measured position; 0 for none.', 'rad', read_only=True)
     encoder_side: str = parameter(
-        'motor', 'Elastic joints: the side that is measured.', choices=('motor', 'link'),
+        'motor', 'Measured side of elastic joints.', choices=('motor', 'link'),
         read_only=True)
     velocity_sensor: str = parameter(
-        'exact', 'Measured velocity: exact, difference of two measured positions, or that behind '
-        'a first-order low-pass.', choices=VELOCITY_SENSORS, read_only=True)
+        'exact', 'Source of the measured velocity: the exact one, the difference of two measured '
+        'positions, or this difference after a first-order low-pass.',
+        choices=VELOCITY_SENSORS, read_only=True)
     velocity_cutoff: float = parameter(
-        500.0, 'Velocity sensor filtered: cut-off frequency.', 'rad/s', minimum=LEAST,
+        500.0, 'Cut-off frequency of velocity sensor filtered.', 'rad/s', minimum=LEAST,
         read_only=True)
     sample_loss: float = parameter(
-        0.0, 'Probability that a state is not sent: at most two in a row, never the first or the '
-        'last.', maximum=0.5)
+        0.0, 'Probability that a state is not sent. At most two in a row are lost, never the '
+        'first or the last.', maximum=0.5)
     sample_jitter: float = parameter(
-        0.0, 'A state is measured up to this long before or after its sample, and stamped so; '
-        'less than half a period.', 's')
+        0.0, 'Largest deviation of the time and stamp of a measurement from its sample, less '
+        'than half a period.', 's')
     late_samples: float = parameter(
         0.0, 'Probability that a torque arrives one period late.', maximum=1.0)
     noise_seed: int = parameter(
@@ -120,15 +124,16 @@ class PlantConfig(RobotConfig):
     actuator_lag: PerJoint = parameter(
         0.0, 'Time constant of the drives; 0 for none.', 's', read_only=True)
     fault_damping: PerJoint = parameter(
-        20.0, 'Viscous friction of the brakes while no torque arrives.', 'N*m*s/rad')
+        20.0, 'Viscous friction of the brakes, which act while no torque arrives.', 'N*m*s/rad')
     integration_step: float = parameter(
         1e-3, 'Largest step of the integrator, at most one control period.', 's', minimum=1e-9,
         read_only=True)
     pacing: str = parameter(
-        'real_time', 'By the clock, or in simulated time after each answer.', choices=PACINGS,
+        'real_time', 'Pace of the run: the clock (real_time), or simulated time that waits for '
+        'each answer (lockstep).', choices=PACINGS,
         read_only=True)
     duration: float = parameter(
-        0.0, 'Simulated time after which the run ends; 0 for never.', 's', read_only=True)
+        0.0, 'Simulated time after which the run ends; 0 for no end.', 's', read_only=True)
     experiment: str = parameter(
         '', 'Title of the run in metrics and figures; empty for the name of file or bag.',
         read_only=True)

@@ -69,11 +69,13 @@ class ReferenceConfig(DescribedConfig):
     """Parameters of the desired motion."""
 
     profile: str = parameter(
-        'sinusoid', 'Between center - amplitude and center + amplitude: a sinusoid, or moves of '
-        'trapezoidal velocity, half as fast, with a rest after each.',
+        'sinusoid', 'Motion between center - amplitude and center + amplitude. It is a sinusoid, '
+        'or consists of moves with trapezoidal velocity at half the speed, with a rest after '
+        'each.',
         choices=('sinusoid', 'trapezoid'), read_only=True)
     center: PerJoint = parameter(
-        (pi, 0.5 * pi), 'Centre of the sinusoid; by default 0 where there are not two joints.',
+        (pi, 0.5 * pi), 'Centre of the sinusoid. The default is for two joints; for other '
+        'numbers it is 0.',
         'rad', minimum=-inf)
     amplitude: PerJoint = parameter(
         0.5, 'Amplitude of the sinusoid.', 'rad', minimum=-inf)
@@ -81,10 +83,11 @@ class ReferenceConfig(DescribedConfig):
     phase: PerJoint = parameter(
         0.0, 'Phase of the sinusoid at t = 0.', 'rad', minimum=-inf)
     trajectory_file: str = parameter(
-        '', 'YAML file of waypoints, as trajectory_msgs/JointTrajectory, in place of the profile; '
-        'empty for none.', read_only=True)
+        '', 'YAML file of waypoints as trajectory_msgs/JointTrajectory, instead of the profile; '
+        'empty for no file.', read_only=True)
     start_duration: float = parameter(
-        0.0, 'Time of a smooth start from where the robot is; 0 for none, as in the paper.', 's')
+        0.0, 'Duration of a smooth start from the present position; 0 for none, as in the paper.',
+        's')
 
 
 class JointSinusoid(NamedTuple):
@@ -293,7 +296,7 @@ def _start_smoothly(make: Callable[[float], Transition], config: ReferenceConfig
     if enough == duration:
         return start
     text = describe_violations(limits, sample_passage(start))
-    advice = f'{enough:g} s would do' if enough else 'no other would do'
+    advice = f'{enough:g} s keeps them' if enough else 'no other duration keeps them'
     raise CtcError(f'start_duration {duration:g} s: the start is beyond the limits of the '
                    f'description: {text}; {advice}')
 

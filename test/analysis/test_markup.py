@@ -40,10 +40,10 @@ from ctc_chattering.output_files import file_stem
 from ctc_chattering.runs.compare_page import Outcome, to_markdown
 from ctc_chattering.runs.compare_page import write_page as write_comparison_page
 from ctc_chattering.runs.map_data import MapData
-from ctc_chattering.runs.map_figures import lines
+from ctc_chattering.runs.map_figures import draw_lines
 from ctc_chattering.runs.map_page import write_map_page
-from ctc_chattering.runs.recommended import BASE, Variant
-from ctc_chattering.runs.tune import searched, Tuning
+from ctc_chattering.runs.recommended import BASELINE, LawSettings
+from ctc_chattering.runs.tune import search_gains, Tuning
 from ctc_chattering.runs.tune_page import write_page as write_search_page
 from identified_bags import short
 from jinja2 import UndefinedError
@@ -97,7 +97,7 @@ def of_a_map(name: str, out: Path) -> None:
 
 @lru_cache(1)
 def search() -> Tuning:
-    return searched(short_spec(duration=0.1), 1, 100.0, 1)
+    return search_gains(short_spec(duration=0.1), 1, 100.0, 1)
 
 
 def of_a_search(name: str, out: Path) -> None:
@@ -125,7 +125,7 @@ def of_an_identification(name: str, out: Path) -> None:
 
 def outcomes(name: str) -> list[Outcome]:
     return compared(
-        name, (BASE, 1e-3, 1.0, ''), (Variant('chattering', 'sign', 'file'), 1.0, 2.0, ''))
+        name, (BASELINE, 1e-3, 1.0, ''), (LawSettings('chattering', 'sign'), 1.0, 2.0, ''))
 
 
 def of_a_comparison(name: str, out: Path) -> None:
@@ -155,7 +155,7 @@ def test_no_name_becomes_an_element(write: Callable[[str, Path], None], tmp_path
 def test_figures_show_names_as_they_are(tmp_path: Path) -> None:
     """Check that nothing is taken for a formula, except powers of ten, nor for a path."""
     name = ' a|b $x_{ \x1b--> </td> $'
-    found = [('../../a/b', lines(map_of(name)), ''), ('c', tracking(runs(name)[0]), '')]
+    found = [('../../a/b', draw_lines(map_of(name)), ''), ('c', tracking(runs(name)[0]), '')]
     files = save(found, tmp_path / 'figures', ['svg'])
     assert {x.name for x in tmp_path.iterdir()} == {'figures'}
     assert {x.path.parent for x in files} == {tmp_path / 'figures'}

@@ -159,13 +159,14 @@ def test_notes_are_on_the_page(tmp_path: Path) -> None:
     run = run_closed_loop(PlantConfig(duration=6.0), config, ReferenceConfig())
     lossy = Run(*(np.delete(x, np.s_[5200:5300], axis=0) for x in list(vars(run).values())[:-1]))
     weak = Result('weak', [(0.0, config)], run, source='one')
-    assert any('ka too small' in ax.get_title('right') for ax in internals(weak).axes)
+    assert any('ka is too small' in ax.get_title('right') for ax in internals(weak).axes)
     page = written(tmp_path, [
         weak,
         Result('lossy', [(0.0, config)], lossy), result_of('chattering', 0.3, 'short')])
     notes = '\n'.join(page.texts['p'])
-    for note in ('weak: chattering (implicit): joint2: chattering term at its bound for ',
-                 'ka too small', 'lossy: chattering (implicit): 100 of 6001 samples are missing',
+    for note in ('weak: chattering (implicit): joint2: the chattering term is at its bound in ',
+                 'ka is too small',
+                 'lossy: chattering (implicit): 100 of 6001 samples are missing',
                  'short: chattering: metrics are computed from 0.15 s to 0.3 s, the second half'):
         assert note in notes
     assert any('bag one; kp 100, kv 50, ka 8, ' in text for text in page.texts['small'])

@@ -119,7 +119,7 @@ def test_what_a_user_names_is_a_class_of_the_kind(name: str, trap: Path) -> None
                  lambda: Controller(ControllerConfig(switching=name)),
                  lambda: make_model(name, 9.81),
                  lambda: Plant(PlantConfig(friction_model=name))):
-        with pytest.raises(CtcError, match=f'(law|switching|model) {name} is no class'):
+        with pytest.raises(CtcError, match=f'(law|switching|model) {name} is not a class'):
             make()
     assert not (trap / 'called').exists()
 

@@ -268,7 +268,7 @@ def test_what_a_run_needs(tmp_path: Path, topic: str) -> None:
 
 def test_no_bag(tmp_path: Path) -> None:
     write_bag(tmp_path / 'bag', [Entry('/chatter', 5, string('hello'))])
-    refused(tmp_path / 'bag', 'not a bag of this package')
+    refused(tmp_path / 'bag', 'this package did not record the bag')
     (tmp_path / 'file').write_text('x')
     refused(tmp_path / 'none', 'no such bag')
     for name in ('file', 'file/below', ''):

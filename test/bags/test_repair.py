@@ -217,7 +217,8 @@ def test_a_repaired_bag_is_in_its_place_and_is_not_repaired_again(
         read_bag(bag)
     assert main(['repair', str(bag)]) == 0
     assert capsys.readouterr().out == (
-        f'{bag}: 72 messages recovered\nkept as it was: {bag}/bag_0.mcap.damaged\n')
+        f'{bag}: 72 messages were recovered\n'
+        f'the damaged file is kept as {bag}/bag_0.mcap.damaged\n')
     assert rows_of(bag / 'bag_0.mcap') == original.rows[:72]
     assert metadata(bag)['custom_data'] == {'repaired': '72 messages recovered'}
     after = contents(tmp_path)
@@ -225,7 +226,7 @@ def test_a_repaired_bag_is_in_its_place_and_is_not_repaired_again(
     assert after['bag/notes.txt'] == before['bag/notes.txt']
     assert set(after) == {*before, 'bag/bag_0.mcap.damaged', 'bag/metadata.yaml'}
     assert main(['repair', str(bag)]) == 0
-    assert capsys.readouterr().out == f'{bag}: nothing to repair\n'
+    assert capsys.readouterr().out == f'{bag}: the bag is intact; nothing was changed\n'
     assert contents(tmp_path) == after
     (bag / 'bag_0.mcap').write_bytes(original.data[:original.chunks[6][0]])
     with pytest.raises(CtcError, match=r'bag_0\.mcap\.damaged: exists already'):
@@ -266,7 +267,7 @@ def test_the_file_that_is_named_is_repaired_alone(
     assert repair(folder / 'monday.mcap') is None
     assert main(['repair', str(file)]) == 0
     assert capsys.readouterr().out == (
-        f'{file}: 36 messages recovered\nkept as it was: {file}.damaged\n')
+        f'{file}: 36 messages were recovered\nthe damaged file is kept as {file}.damaged\n')
     assert rows_of(file) == original.rows[:36]
     after = contents(folder)
     assert after.pop('tuesday.mcap.damaged') == before['tuesday.mcap']
@@ -316,7 +317,7 @@ def test_a_bag_that_lacks_its_metadata_only_gets_them(
     bag = original.bag(tmp_path / 'bag', original.data)
     file = contents(bag)['bag_0.mcap']
     assert main(['repair', str(bag)]) == 0
-    assert capsys.readouterr().out == f'{bag}: no file is damaged; metadata.yaml is written\n'
+    assert capsys.readouterr().out == f'{bag}: no file is damaged; metadata.yaml was written\n'
     assert contents(bag)['bag_0.mcap'] == file
     assert metadata(bag)['message_count'] == len(original.rows)
     assert metadata(bag)['custom_data'] is None

@@ -143,7 +143,7 @@ def test_topics_whose_types_are_not_installed_are_named_and_passed_over(
             context.try_shutdown()
     assert [signal.getsignal(x) for x in STOP] == handlers
     assert capsys.readouterr().err.splitlines() == [
-        f'not replayed, because its message type is not installed: {topic} ({topics[topic]})'
+        f'{topic} ({topics[topic]}) is not replayed, because its message type is not installed'
         for topic in topics]
 
 
@@ -169,7 +169,7 @@ def test_messages_of_other_encodings_and_types_of_a_topic_are_not_published(
         it.until(lambda: heard, 'the message')
     assert [x.data for x in heard] == ['hi']
     assert capsys.readouterr().err.splitlines() == [
-        'not replayed, because the topic also has messages of another type: /news '
-        '(std_msgs/msg/Float64)',
-        'not replayed, because its messages are json, not of ROS 2: /news (std_msgs/msg/String)',
-        'not replayed, because its messages are json, not of ROS 2: /raw ()']
+        '/news (std_msgs/msg/Float64) is not replayed, because the topic also has messages of '
+        'another type',
+        '/news (std_msgs/msg/String) is not replayed, because its messages are json, not of ROS 2',
+        '/raw () is not replayed, because its messages are json, not of ROS 2']

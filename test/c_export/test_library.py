@@ -26,12 +26,13 @@ from typing import Any
 
 from broken_arm import Broken
 from ctc_chattering.c_export.library import c_string, export
+from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.laws.registry import SWITCHINGS
 from ctc_chattering.controller.trips import TRIP_DELAY_S, TRIP_LIMITS, TripMonitor
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_commands import ctc, refused
-from exported_laws import compiled_by_cc, controller_of, Robot, robot_of, watched
+from ctc_commands import ctc, ctc_process, refused
+from exported_laws import compiled_by_cc, controller_of, Robot, robot_of
 from machine_code import compile_step
 from made_once import made_once
 import numpy as np
@@ -94,6 +95,13 @@ def test_a_delay_and_limits(tmp_path: Path) -> None:
     check_bits(robot._replace(config=odd), tmp_path, 1000)
 
 
+def exported_robot(law: str = 'implicit_observer', **values: Any) -> Robot:
+    """Return a robot with error limits, drives with a lag and a rate, and an endless joint."""
+    robot = robot_of('friction', law, error_limit=[0.5, 0.5], torque_rate_limit=[1e4, 5e3],
+                     actuator_lag=[2e-3, 0.0], **values)
+    return robot._replace(config=robot.config.changed({'continuous_joints': ['joint2']}))
+
+
 class Law:
     """A library loaded into this process, with the law in the middle of guarded memory."""
 
@@ -131,15 +139,15 @@ REST: list[Any] = [[0.1, 0.2]] * 2 + [[0.1, 0.2]] * 3
 
 @pytest.fixture(scope='module')
 def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return made_once(tmp_path_factory, 'watched', lambda path: Law(watched(), path))
+    return made_once(tmp_path_factory, 'exported_law', lambda path: Law(exported_robot(), path))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('where', range(5))
 @pytest.mark.parametrize('bad', [nan, inf, -inf])
-def test_what_is_not_finite_is_no_torque_until_a_reset(
+def test_a_state_that_is_not_finite_ends_the_torques_until_a_reset(
         library: Path, where: int, bad: float) -> None:
-    law = Law(watched(), library)
+    law = Law(exported_robot(), library)
     assert law.step(*REST) == (NOT_INITIALIZED, [0.0, 0.0])
     assert law.call('init') == OK
     first = law.step(*REST)
@@ -153,7 +161,7 @@ def test_what_is_not_finite_is_no_torque_until_a_reset(
 
 
 def test_errors_have_a_code_and_a_torque_of_0(library: Path) -> None:
-    law = Law(watched(), library)
+    law = Law(exported_robot(), library)
     assert [law.call(x) for x in ('reset', 'init')] == [NOT_INITIALIZED, OK]
     for rows, error in (([[0.7, 0.2], *REST[1:]], ERROR_LIMIT), ([[1e200] * 2] * 5, OVERFLOW),
                         ([REST[0], [1e200, -1e200], *REST[2:]], OVERFLOW)):
@@ -171,7 +179,7 @@ def test_errors_have_a_code_and_a_torque_of_0(library: Path) -> None:
 
 def test_a_position_that_jumps_ends_the_torques_until_a_reset(library: Path) -> None:
     """By the rule of the node, also where the driver makes the velocity of the jump."""
-    law = Law(watched(), library)
+    law = Law(exported_robot(), library)
     law.call('init')
     first = law.step(*REST)
     assert law.step([0.19, 0.2], *REST[1:])[0] == OK
@@ -184,9 +192,9 @@ def test_a_position_that_jumps_ends_the_torques_until_a_reset(library: Path) -> 
         assert law.step(*REST) == first
 
 
-def test_the_time_that_has_elapsed_says_how_far_a_joint_can_have_moved(library: Path) -> None:
+def test_the_elapsed_time_bounds_the_travel_of_a_joint(library: Path) -> None:
     """0.3 rad are a jump within a period, and none within 50 ms at 6 rad/s."""
-    law = Law(watched(), library)
+    law = Law(exported_robot(), library)
     for elapsed, error in ((1e-3, JUMP), (0.05, OK), (nan, NOT_FINITE)):
         law.call('init')
         law.step(REST[0], [0.1, 6.0], *REST[2:])
@@ -199,33 +207,44 @@ def test_the_time_that_has_elapsed_says_how_far_a_joint_can_have_moved(library: 
         assert tau.any() == (error == OK)
 
 
-@pytest.mark.parametrize('delay', [0, pytest.param(2, marks=pytest.mark.slow)])
-def test_an_endless_joint_counts_its_turns(tmp_path: Path, delay: int) -> None:
-    """States and reference within a driver's window: the torques of positions that count turns."""
-    robot = robot_of('friction', 'implicit_observer', input_delay=delay)
-    robot = robot._replace(config=robot.config.changed({'continuous_joints': ['joint1']}))
-    law, controller = Law(robot, tmp_path), controller_of(robot)
+def check_turns(law: Law, robot: Robot) -> None:
+    """
+    Let an endless joint turn.
+
+    States and reference within a driver's window have the torques of positions that count turns.
+    """
+    controller, delay = controller_of(robot), robot.config.input_delay
     law.call('init')
-    rate = np.array([8.0, 0.3])
+    rate = np.array([0.3, 8.0])
     for k in range(1500):
         t = 1e-3 * (k + np.arange(delay + 1))[:, np.newaxis]
-        points = np.array([3.0, 0.2]) + rate * t
+        points = np.array([0.2, 3.0]) + rate * t
         q = points[0] + 0.02 * np.sin(5.0 * t[0])
         speed = rate.tolist()
         expected = controller.step(q.tolist(), speed, points[0].tolist(), speed, [0.0, 0.0], [
             (x, speed, [0.0, 0.0]) for x in points[1:].tolist()])
         wrapped = points.copy()
-        wrapped[:, 0] = (points[:, 0] + pi) % (2.0 * pi) - pi
-        error, tau = law.step([(q[0] + pi) % (2.0 * pi) - pi, q[1]], rate, wrapped,
+        wrapped[:, 1] = (points[:, 1] + pi) % (2.0 * pi) - pi
+        error, tau = law.step([q[0], (q[1] + pi) % (2.0 * pi) - pi], rate, wrapped,
                               [rate] * (delay + 1), np.zeros((delay + 1, 2)))
         assert error == OK
         assert tau == pytest.approx(expected.tau, rel=1e-9, abs=1e-9)
-    assert q[0] > 14.0
+    assert q[1] > 14.0
 
 
-def test_a_joint_that_is_not_endless_is_not_turned(library: Path) -> None:
+def test_an_endless_joint_counts_its_turns(library: Path) -> None:
+    check_turns(Law(exported_robot(), library), exported_robot())
+
+
+@pytest.mark.slow
+def test_an_endless_joint_counts_its_turns_behind_a_delay(tmp_path: Path) -> None:
+    robot = exported_robot(input_delay=2)
+    check_turns(Law(robot, tmp_path), robot)
+
+
+def test_positions_of_other_joints_are_not_unwrapped(library: Path) -> None:
     """Nor is a start: that of an endless joint is the one nearest to the reference."""
-    law = Law(watched(), library)
+    law = Law(exported_robot(), library)
     law.call('init')
     assert law.step([0.1 - 2.0 * pi, 0.2], *REST[1:]) == (ERROR_LIMIT, [0.0, 0.0])
 
@@ -263,7 +282,7 @@ def test_the_trips_are_at_their_bounds(
     data.write_text(text, encoding='utf-8')
     compiled_by_cc(path, '-fPIC', '-shared')
     # So fast that no position is a jump.
-    law, zero, fast = Law(watched(), path), [0.0, 0.0], [1e5, 0.0]
+    law, zero, fast = Law(exported_robot(), path), [0.0, 0.0], [1e5, 0.0]
     law.call('init')
     for positions, expected in cases:
         law.call('reset')
@@ -316,14 +335,8 @@ def test_a_limit_cycle_trips_where_the_node_does(tmp_path: Path) -> None:
     assert 1500 < tripped <= count < tripped + 21
 
 
-@pytest.mark.parametrize('law', ['implicit_observer', *(
-    pytest.param(x, marks=pytest.mark.slow)
-    for x in (*LAWS, 'extended_state_observer') if x != 'implicit_observer')])
-def test_other_gains_go_on_as_under_configure(tmp_path: Path, law: str) -> None:
-    """Before the first step, in motion, with drives of a limited rate, and after a reset."""
-    robot = robot_of('friction', law, torque_rate_limit=[1e4, 5e3], actuator_lag=[2e-3, 0.0],
-                     kp=[150.0, 100.0])
-    other, controller = Law(robot, tmp_path), controller_of(robot)
+def check_gains(other: Law, controller: Controller) -> None:
+    """Change gains before the first step, in motion, and after a reset."""
     other.call('init')
     rng, sizes = np.random.default_rng(0), {'kp': 400.0, 'kv': 40.0, 'ka': 5.0}
     for k in range(200):
@@ -331,17 +344,29 @@ def test_other_gains_go_on_as_under_configure(tmp_path: Path, law: str) -> None:
             other.call('reset')
             controller.reset()
         if k in (0, 50, 100):
-            given = {name: x * rng.uniform(0.5, 2.0, 2) for name, x in sizes.items()}
-            assert other.call('set_gains', *given.values()) == OK
-            controller.configure(controller.config.changed(given))
+            gains = {name: x * rng.uniform(0.5, 2.0, 2) for name, x in sizes.items()}
+            assert other.call('set_gains', *gains.values()) == OK
+            controller.configure(controller.config.changed(gains))
         compile_step(controller)
         rows = [[0.1 + 1e-3 * k, 0.2 + 0.1 * np.sin(0.3 * k)], *REST[1:]]
         assert other.step(*rows) == (OK, controller.step(*rows).tau)
     assert controller.compiled
 
 
+def test_other_gains_go_on_as_under_configure(library: Path) -> None:
+    check_gains(Law(exported_robot(), library), controller_of(exported_robot()))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('law', [
+    x for x in (*LAWS, 'extended_state_observer') if x != 'implicit_observer'])
+def test_other_gains_of_each_law(tmp_path: Path, law: str) -> None:
+    robot = exported_robot(law)
+    check_gains(Law(robot, tmp_path), controller_of(robot))
+
+
 def test_wrong_gains_change_nothing(library: Path) -> None:
-    law, good = Law(watched(), library), [[100.0, 100.0]] * 3
+    law, good = Law(exported_robot(), library), [[100.0, 100.0]] * 3
     law.call('init')
     before = law.block.copy()
     for i in range(3):
@@ -352,7 +377,7 @@ def test_wrong_gains_change_nothing(library: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize('law', ['integral', 'slotine_li', 'pid_kalman'])
-def test_a_law_of_which_other_numbers_depend_on_gains_has_fixed_ones(
+def test_gains_are_fixed_where_other_numbers_depend_on_them(
         tmp_path: Path, law: str) -> None:
     fixed = Law(robot_of('friction', law), tmp_path)
     fixed.call('init')
@@ -362,7 +387,7 @@ def test_a_law_of_which_other_numbers_depend_on_gains_has_fixed_ones(
 def test_a_floating_point_trap_or_rounding_of_the_caller_changes_nothing(
         library: Path) -> None:
     """With traps for invalid operations, overflow and division by 0, and rounding upwards."""
-    law, libm = Law(watched(), library), ctypes.CDLL('libm.so.6')
+    law, libm = Law(exported_robot(), library), ctypes.CDLL('libm.so.6')
     law.call('init')
     states = [[[0.1 + 1e-3 * k, 0.0], *REST[1:]] for k in range(20)]
     right = [law.step(*x) for x in states]
@@ -389,7 +414,7 @@ def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
     first, again = tmp_path / 'first', tmp_path / 'again'
     export(*robot_of('friction', 'compensation'), first)
     done = ctc('export-c', 'friction', '--law', 'compensation', '--out', str(again))
-    assert done.stdout.startswith(f'wrote {again}: compensation, 2 joints, ')
+    assert done.stdout.startswith(f'wrote {again}: law compensation for 2 joints, ')
     for path in again.iterdir():
         assert path.read_bytes() == (first / path.name).read_bytes()
     symbols = subprocess.check_output(['nm', again / 'ctc_law_code.o'], text=True)
@@ -397,16 +422,26 @@ def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
         'fmod', 'memcpy', 'memset', 'sin', 'sincos'}
 
 
-def test_a_name_that_is_none_of_a_package_is_refused(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_export_needs_no_code_compiled_before(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Export from a process of its own, with an empty cache."""
+    monkeypatch.setenv('HOME', str(tmp_path))
+    done = ctc_process('export-c', 'friction', '--law', 'compensation', '--out', tmp_path / 'law',
+                       timeout=300.0)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_wrong_name_of_a_package_is_refused(tmp_path: Path) -> None:
     refused(ctc('export-c', 'friction', '--out', str(tmp_path / 'out'),
                 '--ros2-control', 'My-Arm'), '--ros2-control My-Arm', 'small letters')
     for name in ('my_arm-2', 'my_Arm', 'my arm', 'arm/../..', 'arm.h', '2_arms', 'arm"\n'):
         with pytest.raises(UsageError, match='small letters'):
-            export(*watched(), tmp_path / 'out', package=name)
+            export(*exported_robot(), tmp_path / 'out', package=name)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_limit_that_would_turn_the_clamp_round_is_not_exported(tmp_path: Path) -> None:
+def test_a_negative_effort_limit_is_not_exported(tmp_path: Path) -> None:
     (tmp_path / 'arm.urdf').write_text(two_links().replace('effort="40"', 'effort="-1"'))
     (tmp_path / 'arm.yaml').write_text(
         '/**: {ros__parameters: {model: urdf, description: arm.urdf, joint_names: [a, b]}}\n'
@@ -431,7 +466,7 @@ def test_names_of_joints_are_literals_of_every_version_of_c(standard: str, tmp_p
     assert printed.decode().split('\0')[:-1] == names
 
 
-def test_a_model_of_ones_own_and_full_matrices_are_refused(tmp_path: Path) -> None:
+def test_an_own_model_and_full_matrices_are_refused(tmp_path: Path) -> None:
     robot = robot_of('friction', 'compensation')
     with pytest.raises(CtcError, match='cannot be exported; allowed: models two_link and urdf'):
         export(robot.config, Broken(('joint1', 'joint2'), 9.81), tmp_path)

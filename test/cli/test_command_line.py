@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from argparse import _SubParsersAction
+from argparse import _SubParsersAction, ArgumentParser, SUPPRESS
+from collections.abc import Iterator
 import os
 from pathlib import Path
 import re
@@ -24,8 +25,11 @@ import subprocess
 import sys
 
 from ctc_chattering.cli import options
+from ctc_chattering.cli.bringup import make_parser as bringup_parser
 from ctc_chattering.cli.command_line import guarded
-from ctc_chattering.cli.ctc import make_parser
+from ctc_chattering.cli.ctc import COMMANDS, make_parser
+from ctc_chattering.cli.node import _make_parser as node_parser
+from ctc_chattering.configuration.node_parameters import NODE_DESCRIPTIONS
 from ctc_commands import ctc, refused
 from identified_bags import recorded_bag, short
 from map_specs import written
@@ -74,7 +78,7 @@ FAILS = {
     'compare endless.yaml --laws integral': ['duration: 0.0 is not allowed', 'must end'],
     **{f'{command}{LONG}': [LONG[:9], reason] for command, reason in (
         ('simulate --params-file empty/', 'too long'), ('check-model --urdf ', 'too long'),
-        ('check-model --urdf package://a/', 'not installed'), ('repair ', 'too long'),
+        ('check-model --urdf package://a/', 'no installed file'), ('repair ', 'too long'),
         ('live ', 'too long'), ('plot ', 'too long'),
         ('simulate --duration 0.01 --out ', 'too long'))},
     **{f'{command} {file}': [f'{file}: is {kind}; a regular file is needed']
@@ -142,7 +146,7 @@ WRONG = {
     f'{BAG} --effort motor': ['effort motor: bag has no effort'],
     'map map.yaml --jobs 2 --scheduler tcp://a:1': ['--scheduler: not allowed with argument'],
     'map map.yaml --explain law=soft': ['--explain', "invalid int value: 'law=soft'"],
-    'map map.yaml --explain 24': ['--explain 24', '0 to 23'],
+    'map map.yaml --explain 24': ['--explain: 24 is not allowed', '0 to 23'],
     'tune': ['ctc tune: '], 'tune tune.yaml --identified b': ['ctc tune: '],
     'tune tune.yaml --trials 0': ['--trials: 0 is not allowed'],
     'tune tune.yaml --percentile 0': ['--percentile: 0.0', 'a finite number >= 1e-09 and <= 100'],
@@ -176,7 +180,7 @@ def files(folder: Path) -> set[Path]:
 @pytest.mark.parametrize(('line', 'status', 'words'), [
     *((line, 1, words) for line, words in FAILS.items()),
     *((line, 2, words) for line, words in WRONG.items())])
-def test_what_is_wrong_is_one_line_and_a_status(
+def test_a_wrong_command_line_or_file_gives_one_line_and_a_status(
         line: str, status: int, words: list[str], folder: Path) -> None:
     before = files(folder)
     result = ctc(*line.split(), cwd=folder)
@@ -186,7 +190,7 @@ def test_what_is_wrong_is_one_line_and_a_status(
 
 
 @pytest.mark.skipif(sys.version_info < (3, 11), reason='PYTHONSAFEPATH is newer')
-def test_processes_of_a_command_import_nothing_from_here(
+def test_processes_of_a_command_import_nothing_from_the_current_directory(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Pools start their processes by ``python -c``, which looks in the current directory first."""
     (tmp_path / 'trap.py').touch()
@@ -199,20 +203,21 @@ def test_processes_of_a_command_import_nothing_from_here(
     monkeypatch.delenv('PYTHONSAFEPATH')
 
 
-def test_a_defect_is_shown_with_its_traceback_and_too_little_memory_as_a_line(
+def test_a_defect_has_a_traceback_and_a_lack_of_memory_one_line(
         capsys: pytest.CaptureFixture[str]) -> None:
     def broken() -> int:
         raise TypeError('no such\nthing')
     assert guarded('ctc broken', broken) == 1
     text = capsys.readouterr().err
     assert text.startswith('Traceback') and 'in broken' in text
-    assert text.endswith('ctc broken: a defect of ctc_chattering; please report the lines above\n')
+    assert text.endswith(
+        'ctc broken: this is a defect of ctc_chattering; please report the lines above\n')
     assert guarded('ctc map', lambda: np.zeros(10 ** 15).size) == 1
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith('ctc map: too little memory: Unable to allocate')
+    assert line.startswith('ctc map: the memory does not suffice: Unable to allocate')
 
 
-def test_without_dask_one_process_is_taken_unless_more_are_asked_for(
+def test_default_number_of_processes_is_one_without_dask(
         monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('os.cpu_count', lambda: 8)
     for default in (8, 1):
@@ -222,8 +227,25 @@ def test_without_dask_one_process_is_taken_unless_more_are_asked_for(
         monkeypatch.setattr(options, 'find_spec', lambda _: None)
 
 
-def test_sentences_of_help_end_once() -> None:
-    """Check every subcommand for punctuation before the full stop that ends its summary."""
+def parsers() -> Iterator[tuple[str, ArgumentParser]]:
+    """Yield the parsers of all command lines that people type."""
     (commands,) = (x for x in make_parser()._actions if isinstance(x, _SubParsersAction))
-    for name, parser in commands.choices.items():
-        assert not re.search(r'[?!.,:;]\.', str(parser.description)), name
+    yield from commands.choices.items()
+    yield 'bringup', bringup_parser()
+    for name in NODE_DESCRIPTIONS:
+        yield name, node_parser(name)
+
+
+@pytest.mark.parametrize(('name', 'parser'), [*parsers()],
+                         ids=lambda x: x if isinstance(x, str) else '')
+def test_help_consists_of_sentences(name: str, parser: ArgumentParser) -> None:
+    """Check the first sentence against its declaration, and the ends of all texts."""
+    description = str(parser.description)
+    sentence = re.compile(r'[A-Z].*[^?!.,:;]\.', re.DOTALL)
+    assert sentence.fullmatch(description)
+    if name in COMMANDS:
+        assert sentence.fullmatch(COMMANDS[name].summary)
+        assert description.startswith(COMMANDS[name].summary)
+    for action in parser._actions:
+        if action.help != SUPPRESS:
+            assert re.fullmatch(r'[A-Z.].*\.( \[.*\])?', str(action.help)), action.dest

@@ -207,12 +207,12 @@ def test_check_model(tmp_path: Path) -> None:
     """Check the table and the status, for the paper's arm, a URDF, and a class with a fault."""
     result = ctc('check-model', cwd=tmp_path)
     assert result.returncode == 0, result.stderr
-    assert result.stdout.startswith('two_link, 2 joints: joint1, joint2\n')
+    assert result.stdout.startswith('model two_link with 2 joints: joint1, joint2\n')
     assert result.stdout.count('\nok ') == 9
     file = tmp_path / 'arm.urdf'
     file.write_text(two_links())
     result = ctc('check-model', '--urdf', file, '--joints', 'b', '--gravity', 1.6, '--samples', 3)
-    assert result.stdout.startswith('urdf, 1 joints: b\n')
+    assert result.stdout.startswith('model urdf with 1 joint: b\n')
     (tmp_path / 'mine.py').write_text(
         'from ctc_chattering.dynamics.two_link import TwoLink\n'
         'class Arm(TwoLink):\n'
@@ -223,5 +223,5 @@ def test_check_model(tmp_path: Path) -> None:
     result = ctc_process('check-model', '--model', 'mine:Arm', path=tmp_path)
     assert result.returncode == 1
     assert result.stdout.count('FAILED') == 1
-    assert 'G is the gradient of the potential: worst at q = ' in result.stdout
+    assert 'G is the gradient of the potential: the worst state is q = ' in result.stdout
     assert result.stderr == ''

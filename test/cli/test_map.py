@@ -30,7 +30,7 @@ from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.output_folder import held, LIST
 from ctc_chattering.runs import store
-from ctc_chattering.runs.points import Runs
+from ctc_chattering.runs.run_lists import MapRuns
 from ctc_chattering.runs.spec import read_spec
 from ctc_commands import ctc, refused, ROOT
 from map_specs import BRIEF, written
@@ -77,9 +77,10 @@ def shards(out: Path) -> set[str]:
 
 def in_one_process(spec: Path, out: Path) -> dict[str, bytes]:
     """Compute a map run by run here; return the bytes of its tables."""
-    runs = Runs(read_spec(spec))
+    runs = MapRuns(read_spec(spec))
     parts = []
-    with store.opened(out, store.about(runs), store.schema(runs)) as directory:
+    with store.open_directory(
+            out, store.table_metadata(runs), store.table_schema(runs)) as directory:
         for chunk in reversed(store.chunks(runs, range(len(runs)))):
             parts.append(store.compute(runs, store.version(), chunk))
             directory.write(parts[-1], directory.file(chunk))
@@ -150,7 +151,7 @@ def test_results(tmp_path: Path) -> None:
     with held(out, 'ctc map'):
         refused(ctc(*words), f'{out}: another process is writing there')
     written(spec, seed=8)
-    refused(ctc(*words), f'{out}: the output of ctc map of another spec or version',
+    refused(ctc(*words), f'{out}: there is output of ctc map for another spec or version',
             '--overwrite')
     assert tables(out) == before
 
@@ -164,10 +165,10 @@ def test_the_parameter_file_of_a_run_is_its_setup(tmp_path: Path) -> None:
     assert 'run 15, point 3, repeat 1, seed 8, variant chattering implicit' in result.stdout
     file = out / 'explain' / 'run_15.yaml'
     assert f'ctc simulate {file}' in result.stdout
-    named = Runs(read_spec(spec)).setup(15).changed({'plant': {'experiment': 'run_15'}})
+    named = MapRuns(read_spec(spec)).setup(15).changed({'plant': {'experiment': 'run_15'}})
     assert parameter_file.load(file).values == named.values
     refused(ctc(*words, '15'), 'run_15.yaml: exists already', '--overwrite')
-    refused(ctc(*words, '24'), '--explain 24', '0 to 23')
+    refused(ctc(*words, '24'), '--explain: 24', '0 to 23')
 
 
 @pytest.mark.slow

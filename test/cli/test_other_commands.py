@@ -45,7 +45,7 @@ def test_a_user_who_has_not_compiled_it(tmp_path: Path, monkeypatch: pytest.Monk
     assert HOW_TO_COMPILE in first.stderr
     compiled = ctc_process('compile', '--law', 'pd_gravity', timeout=300.0)
     assert compiled.returncode == 0, compiled.stderr
-    assert compiled.stdout.startswith('1 functions compiled in ')
+    assert compiled.stdout.startswith('compiled 1 function in ')
     assert str(tmp_path / '.cache') in compiled.stdout
     assert compiled.stderr.splitlines()[-1] == 'compiled control-pdgravity-2 (1 of 1)'
     again = ctc_process(*run)
@@ -58,7 +58,7 @@ def test_a_user_who_has_not_compiled_it(tmp_path: Path, monkeypatch: pytest.Monk
 def test_a_long_run_compiles_by_itself(monkeypatch: pytest.MonkeyPatch, plain: bool) -> None:
     """It takes longer than the compiler; `--plain` has it run at once."""
     asked: list[str] = []
-    monkeypatch.setattr(experiments, '_LONG', 0.05)
+    monkeypatch.setattr(experiments, '_COMPILED_DURATION_S', 0.05)
     monkeypatch.setattr(compilation, 'uncompiled_codes', lambda setups: required_codes(*setups))
     monkeypatch.setattr(compilation, 'compile_setups', lambda setups, _show: asked.extend(
         setup.controller.law for setup in setups))
@@ -93,7 +93,8 @@ def test_the_table_is_rounded_inwards(tmp_path: Path) -> None:
     result = ctc('stability', file, *LAW)
     assert result.returncode == 0, result.stderr
     lines = result.stdout.splitlines()
-    assert lines[1:3] == ['law: lag 3 ms, delay 0', 'robot: lag 2 ms, delay 0']
+    assert lines[1:3] == [
+        'law: lag 3 ms, delay 0 samples', 'robot: lag 2 ms, delay 0 samples']
     over, _ = parameter_file.with_gains(file, {'controller': {'law': LAW[1]}}, LAW[3])
     found = stability(parameter_file.load(file, over))
     (shown,) = (line for line in lines if ', constant' in line)

@@ -69,5 +69,5 @@ def test_check_model_says_which_joints_have_no_rotor(tmp_path: Path) -> None:
         ('a ', 'b '))] == [
             ['a', '0.3', '(URDF)', 'not', 'known', 'between', 'limits'],
             ['b', '0.04', '(assumed)', 'not', 'known', 'between', 'limits']]
-    assert 'the URDF has no rotors for b: 0.002 kg*m^2 per N*m of effort are assumed' in (
+    assert 'the URDF has no rotor inertia for b, and 0.002 kg*m^2 per N*m of effort limit' in (
         done.stdout)

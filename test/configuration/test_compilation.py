@@ -129,7 +129,8 @@ def test_without_numba_plain_python_runs(tmp_path: Path) -> None:
         'run = simulate(setup).run\n'
         'print(made, len(run.t), run.compiled)\n'), path=tmp_path)
     assert found.stdout.splitlines() == [
-        f'running in plain Python, 20 times slower: {reason}', '0 11 False'], found.stderr
+        'numba cannot be used, so the law runs in plain Python, 20 times slower: '
+        f'{reason}', '0 11 False'], found.stderr
 
 
 @pytest.mark.slow

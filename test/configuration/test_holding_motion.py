@@ -104,7 +104,7 @@ def test_a_given_centre_is_taken_or_refused(tmp_path: Path) -> None:
             new_robot(location, center=center)
     weak = write_urdf(tmp_path / 'weak.urdf', two_links().replace('effort="40"', 'effort="20"'))
     assert new_robot(weak, center=[0.0, 0.0]).motion.size == 1.0
-    with pytest.raises(CtcError, match=r'a: the lightest motion about --center takes .* of 20 N'):
+    with pytest.raises(CtcError, match=r'a: the lightest motion about --center needs .* of 20 N'):
         new_robot(weak, center=[1.57, 0.0])
 
 

@@ -91,7 +91,7 @@ def test_the_command_writes_a_file_that_runs(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1].startswith('wrote mine/arm.yaml; next: ctc compile mine')
     text = (tmp_path / 'mine' / 'arm.yaml').read_text()
-    assert text.startswith('# By `ctc new-robot` from ')
+    assert text.startswith('# Written by `ctc new-robot` from ')
     assert [word for word in ('&', '*id') if word in text.replace('/**', '')] == []
     assert ctc('simulate', tmp_path / 'mine' / 'arm.yaml', '--duration', '0.1').returncode == 0
     again = ('new-robot', '--urdf', 'arm.urdf', '--out', 'mine/arm.yaml')
@@ -110,35 +110,35 @@ def test_the_command_says_what_it_took(tmp_path: Path) -> None:
     done = ctc(*arguments, cwd=tmp_path)
     assert done.stdout.splitlines()[:-1] == [
         'joints: lift, shoulder, elbow, wrist',
-        'left out, at 0 unless `locked` says otherwise: drive_1, drive_2, pan, tilt, open_1, '
-        'open_2',
-        'ignored: xacro:sensors: xacro had no such macro, so what it makes is missing',
-        'without effort limit, which is 0, inf or missing: shoulder; set effort_limit of the '
+        'left out, and held at 0 unless the parameter `locked` gives another position: drive_1, '
+        'drive_2, pan, tilt, open_1, open_2',
+        'ignored: xacro:sensors; xacro did not know these macros, so their links and joints are '
+        'missing',
+        'no usable effort limit (0, inf or missing) for shoulder; set effort_limit of the '
         'controller',
-        'center: 0.2, 0.25, 0.25, 0.25; the middle of the limits; collisions are not checked',
-        'Coulomb friction of the plant assumed, 10% of the torque that the model takes: all '
-        'joints',
-        'not taken from <dynamics>, being more than the torque that the model takes, or 33% of '
-        'the effort limit, or a damping that stops these bodies within 10 ms: wrist',
+        'center of the motion: 0.2, 0.25, 0.25, 0.25, the middle of the limits; collisions are '
+        'not checked',
+        'Coulomb friction assumed, 10% of the torque that the model needs: all joints',
+        'friction in <dynamics> ignored as implausible, because it exceeds the torque that the '
+        'model needs or 33% of the effort limit, or stops the bodies within 10 ms: wrist',
         'joint     rotor [kg*m^2]  torque rate [N*m/s]  turns',
         'lift      not known       not known            between limits',
         'shoulder  not known       not known            between limits',
         'elbow     0.12 (assumed)  not known            between limits',
         'wrist     0.12 (assumed)  not known            between limits',
         'lowest resonance: not known', 'unknown payload: at most 3.55 kg (assumed)',
-        'the URDF has no rotors for elbow, wrist: 0.002 kg*m^2 per N*m of effort are assumed. '
-        'Take them from a data sheet (--rotor-inertia), or from `ctc identify`; a wrong one costs '
-        'more than all else',
+        'the URDF has no rotor inertia for elbow, wrist, and 0.002 kg*m^2 per N*m of effort limit '
+        'is assumed; set --rotor-inertia from a data sheet or from `ctc identify`, because no '
+        'other error of the model degrades the control as much',
         'the sampled loop is stable with 0.27 to 5.5 times these rotors',
         'the sampled loop is stable with 0.29 to 5.4 times these masses']
     assert '# joints: lift, shoulder, elbow, wrist\n' in (tmp_path / 'robot.yaml').read_text()
     done = ctc(*arguments, '--tip', 'head', '--center', '0.2,0.1,0.3', cwd=tmp_path)
     assert done.stdout.startswith('joints: lift, pan, tilt\n')
-    assert 'center: 0.2, 0.1, 0.3; as given; collisions are not checked\n' in done.stdout
+    assert 'center of the motion: 0.2, 0.1, 0.3, as given; ' in done.stdout
     (tmp_path / 'panda.urdf').write_text(panda())
     done = ctc('new-robot', '--urdf', 'panda.urdf', '--out', 'panda.yaml', cwd=tmp_path)
-    assert ('left out, because others mimic them: panda_finger_joint1 (panda_finger_joint2)\n'
-            in done.stdout)
+    assert 'other joints mimic them: panda_finger_joint1 (panda_finger_joint2)\n' in done.stdout
 
 
 def told(tmp_path: Path, robot_name: str = 'arm', **values: Any) -> NewRobot:
@@ -204,15 +204,15 @@ def test_a_payload_is_in_ka(tmp_path: Path) -> None:
 
 def test_a_name_does_not_end_the_comment_that_it_stands_in(tmp_path: Path) -> None:
     """Names come from outside; YAML takes these characters for the end of a line."""
-    for end in ('\u2028', '\x85', '&#10;'):
-        name = f'wheel{end}plant: {{ros__parameters: {{gravity: 0.0}}}}'
-        (tmp_path / 'robot.urdf').write_text(
-            mobile_manipulator().replace('"drive_1"', f'"{name}"'), encoding='utf-8')
-        done = ctc('new-robot', '--urdf', 'robot.urdf', '--overwrite', cwd=tmp_path)
-        assert done.returncode == 0, done.stderr
-        assert parameter_file.load(tmp_path / 'robot.yaml').plant.gravity == 9.81
-        assert all('gravity' not in line or line.startswith('left out')
-                   for line in done.stdout.splitlines())
+    name = ''.join(f'wheel{end}plant: {{ros__parameters: {{gravity: 0.0}}}}'
+                   for end in ('\u2028', '\x85', '&#10;'))
+    (tmp_path / 'robot.urdf').write_text(
+        mobile_manipulator().replace('"drive_1"', f'"{name}"'), encoding='utf-8')
+    done = ctc('new-robot', '--urdf', 'robot.urdf', cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert parameter_file.load(tmp_path / 'robot.yaml').plant.gravity == 9.81
+    assert all('gravity' not in line or line.startswith('left out')
+               for line in done.stdout.splitlines())
 
 
 def test_what_has_no_motion_is_refused(tmp_path: Path) -> None:

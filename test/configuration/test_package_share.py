@@ -146,7 +146,7 @@ def test_what_is_not_installed_is_said_with_the_places(
                      'package://', 'package://nowhere/x'):
         text = refusal(location)
         below = '/'.join(['share', *location.removeprefix('package://').split('/')]).rstrip('/')
-        assert text.startswith(f'not installed; looked for {below} below ')
+        assert text.startswith(f'there is no installed file {below} below ')
         assert str(tmp_path) in text
         assert sys.prefix in text
 

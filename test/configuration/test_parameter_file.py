@@ -160,8 +160,8 @@ def test_a_law_without_gains_takes_those_that_suit_it_and_starts_smoothly() -> N
     assert over['reference'] == {'start_duration': 2.0}
     assert line == (
         'law observer_feedback takes recommended gains and a smooth start: kp (10000.0, 10000.0), '
-        'kv (200.0, 200.0), ka (65.3, 13.7), estimator_bandwidth 100.0; --gains file takes those '
-        'of the file')
+        'kv (200.0, 200.0), ka (65.3, 13.7), estimator_bandwidth 100.0; --gains file keeps the '
+        'gains of the file')
     cases: list[tuple[dict[str, Any], str | None]] = [
         (law, 'file'), ({**law, 'ka': 60.0}, None), ({}, None), ({'law': 'compensation'}, None)]
     for values, gains in cases:

@@ -57,7 +57,7 @@ def test_a_key_that_stands_twice(read: Callable[[Path], object], text: str, key:
 def test_two_spellings_of_one_name(tmp_path: Path, text: str, word: str) -> None:
     path = tmp_path / 'file.yaml'
     path.write_text(text)
-    with pytest.raises(CtcError, match=f'{word}, or a parameter in it, is given twice'):
+    with pytest.raises(CtcError, match=f'{word}, or a parameter in it, appears twice'):
         parameter_file.read(path)
 
 

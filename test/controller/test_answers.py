@@ -41,8 +41,8 @@ def test_a_window_is_a_second_or_twenty_states(period: int, window: int) -> None
     assert shortfall(counted(period, (0, False, window - 1)).total, 0.5, window) == ''
     text = shortfall(counted(period, (0, False, window)).total, 0.5, window)
     assert text.startswith(
-        f'the computer is too slow: 0 of the last {window} states were answered in time; ')
-    assert 'least_answered is 0.5' in text and 'docs/real_time.md' in text
+        f'the computer is too slow: only 0 of the last {window} states were answered in time, ')
+    assert 'least_answered requires 50 %' in text and 'docs/real_time.md' in text
 
 
 def test_the_least_share_itself_is_allowed() -> None:
@@ -96,7 +96,7 @@ def test_too_few_states_in_time_end_the_torques(share: float, trips: bool) -> No
     assert (robot.status()[0] == 2) == trips
     if trips:
         assert robot.log.lines[-1].startswith(
-            'the computer is too slow: 400 of the last 1000 states were answered in time')
+            'the computer is too slow: only 400 of the last 1000 states were answered in time')
         assert robot.state(1001) == []
 
 
@@ -163,7 +163,7 @@ def test_the_loop_is_measured_for_a_second_before_the_first_torque() -> None:
     robot = rehearsed(late=False)
     [line] = [x for x in robot.log.lines if 'torque' in x]
     assert line == ('before the first torque 1000 states came in 1.00 s; 1000 were answered '
-                    'within 1 ms, with 0 outages: this loop keeps 1000 Hz')
+                    'within 1 ms, with 0 outages; this loop reaches 1000 Hz')
     assert robot.loop.last is not None and robot.loop.last.t == 999 * MS
     first = Controller(robot.config).step(
         (0.1, 0.2), ZERO, *MOTION[999], MOTION[1000:1002]).tau  # The law remembers nothing.
@@ -182,14 +182,14 @@ def test_a_robot_that_sends_fewer_states_is_told_apart_from_a_slow_computer() ->
     assert 'before the first torque 400 states came in 2.00 s; 400 were answered' in ' '.join(
         robot.log.lines)
     assert robot.log.lines[-1].endswith(
-        'keeps 200 Hz of the 1000 Hz of control_period; states come less often: set '
-        'control_period to that of the robot')
+        'reaches 200 Hz of the 1000 Hz of control_period; states come less often; set '
+        'control_period to the period of the robot')
 
 
 def test_a_loop_that_keeps_too_little_is_told_so_and_gets_no_torque() -> None:
     robot = rehearsed(late=True, every=25)
     text = ' '.join(robot.log.lines)
-    assert '0 were answered within 1 ms, with 39 outages: this loop keeps 40 Hz of the' in text
-    assert 'control_period; give the controller a priority' in text
-    assert 'the computer is too slow: 0 of the last 10' in text
+    assert '0 were answered within 1 ms, with 39 outages; this loop reaches 40 Hz of the' in text
+    assert 'control_period; give the controller a real-time priority' in text
+    assert 'the computer is too slow: only 0 of the last 10' in text
     assert robot.sent == []

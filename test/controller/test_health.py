@@ -30,8 +30,8 @@ from hypothesis import strategies as st
 import pytest
 
 SECOND, MS = 10 ** 9, 10 ** 6
-SLOW = 'the step takes 2 ms (p50) at a period of 1 ms: too slow for the sample rate'
-BUSY = 'this computer is too busy, or processes are stopped'
+SLOW = 'half of the steps take more than 2 ms at a period of 1 ms, which is too slow'
+BUSY = 'the computer is too busy, or processes are stopped'
 
 
 def report(taken: int, skipped: int, cause: str = '', simulated: bool = False,
@@ -54,12 +54,13 @@ def test_skipped_states_are_reported_with_their_cause(skipped: int, level: int) 
     assert [x for x, _ in found] == [level] * bool(level)
     if found:
         share = 100 * skipped / (1000 + skipped)
-        assert found[0][1] == f'{share:.0f} % of the states skipped for newer ones: {SLOW}'
+        assert found[0][1] == f'{share:.0f} % of the states were skipped for newer ones: {SLOW}'
         assert report(1000, skipped)[0][1].endswith(BUSY)
 
 
 def test_refused_states_are_reported() -> None:
-    assert report(1000, 0, stale=50, backward=50) == [(1, f'9 % of the states refused: {BUSY}')]
+    assert report(1000, 0, stale=50, backward=50) == [
+        (1, f'9 % of the states were refused: {BUSY}')]
     assert report(1000, 0, stale=100, backward=50)[0][0] == 2
     assert report(1000, 0, stale=10, second_publisher=900) == []
 
@@ -67,7 +68,8 @@ def test_refused_states_are_reported() -> None:
 @pytest.mark.parametrize('skipped', [0, 100])
 def test_a_wrong_rate_is_reported(skipped: int) -> None:
     assert report(500, skipped, period=2 * MS) == [
-        (1, 'states come every 2 ms; control_period is 1 ms')]
+        (1, 'states come every 2 ms, but control_period is 1 ms; set it to the period of the '
+            'robot')]
 
 
 def rates(*totals: tuple[int, int]) -> list[Sequence[tuple[int, str]]]:

@@ -35,7 +35,9 @@ from oracles import Array
 import pytest
 from rigid_bodies import PAPER, planar
 
-H, COUNT, DELAY = 1_000_000, 6_000, 1
+H = 1_000_000
+COUNT = 6_000
+DELAY = 1
 CENTRE = np.array([np.pi, np.pi / 2.0])
 ROBOT = {'input_delay': DELAY, 'actuator_lag': 2e-3, 'torque_rate_limit': [5e3, 1e3]}
 #: Gains by rule, as far as the default ones are not for this robot.

@@ -198,7 +198,7 @@ def test_a_position_error_trips_until_reset() -> None:
     assert robot.loop.request(Input.RESET)
     assert not robot.loop.request(Input.RESET)
     assert robot.log.lines[-3:] == [
-        f'{word}, by a service' for word in ('disable', 'enable', 'reset')]
+        f'{word} by a service' for word in ('disable', 'enable', 'reset')]
     assert robot.state(4) == law((0.1, 0.2), first=4, bumpless=True)
 
 

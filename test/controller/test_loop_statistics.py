@@ -97,5 +97,6 @@ def test_a_step_that_takes_too_much_of_the_period_is_named() -> None:
     for k in range(2000):
         loop.sample(k * MS, k * MS + 600_000)
     assert loop.too_slow(MS) == (
-        'the step takes 0.6 ms (p50) at a period of 1 ms: too slow for the sample rate')
+        'half of the steps take more than 0.6 ms at a period of 1 ms, which is too slow for the '
+        'sample rate')
     assert loop.too_slow(2 * MS) == ''

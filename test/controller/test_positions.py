@@ -101,7 +101,8 @@ def test_without_them_being_continuous_the_same_states_are_refused_by_name() -> 
     assert raised.value.kind == 'position_jump'
     assert str(raised.value).startswith('joint1 is at -3.1')
     assert str(raised.value).endswith(
-        'That is a whole turn: if it turns endlessly, add it to continuous_joints.')
+        'the difference is a whole turn; if the joint turns endlessly, add it to '
+        'continuous_joints')
     np.testing.assert_allclose(robot.sent, counted('compensation')[:len(robot.sent)], atol=1e-6)
 
 
@@ -157,7 +158,7 @@ def test_one_jump_is_refused_and_changes_nothing() -> None:
         robots[0].state(5, (0.1, 0.7))
     assert raised.value.kind == 'position_jump'
     assert str(raised.value) == (
-        'joint2 is at 0.7 rad, but 1 ms before it was at 0.2 rad with 0 rad/s.')
+        'joint2 is at 0.7 rad, but 1 ms before it was at 0.2 rad with 0 rad/s')
     assert len(robots[0].sent) == 5
     assert [robots[0].state(k) for k in (6, 7)] == [robots[1].state(k) for k in (6, 7)]
 
@@ -177,7 +178,7 @@ def test_a_position_that_stays_elsewhere_ends_the_torques(simulated: bool) -> No
     level, text = robot.status()
     assert level == 2
     assert text.startswith('tripped: joint2 is at 0.7 rad, but ')
-    assert 'It stays there: was its encoder set anew' in text
+    assert 'it stays there; check whether its encoder was reset' in text
     assert robot.state(8, (0.1, 0.7)) == []
     robot.loop.request(Input.RESET)
     assert robot.state(9, (0.1, 0.7))

@@ -71,11 +71,11 @@ def test_a_running_controller_looks_at_the_last_thousand_samples() -> None:
 
     assert reported() == []
     assert reported(*([10.0] * 5 + [0.0]) * 17) == [(
-        1, 'joint1: chattering term at its bound for 83 % of the samples, 5 at a stretch: noise, '
-        'lag or delay too large')]
+        1, 'joint1: the chattering term is at its bound in 83 % of the samples, for 5 samples '
+        'at a time: noise, lag or delay is too large')]
     assert reported(*[0.0] * 1000) == reported(*[10.0] * 50) == []
     text = reported(*[10.0] * 50)[0][1]
-    assert 'for 10 % of the samples, 100 at a stretch: ka too small' in text
+    assert 'in 10 % of the samples, for 100 samples at a time: ka is too small' in text
     assert health.saturation(config.changed({'law': 'compensation'})) == []
 
 
@@ -91,7 +91,7 @@ def loop(switching: str, ka: float, **plant: Any) -> list[Saturation]:
 def test_the_cause_in_closed_loop(switching: str) -> None:
     """Check friction below, at and above ka, and noise: each is recognized on joint 2."""
     assert [x.cause for x in loop(switching, 12.0)] == ['', '']
-    assert loop(switching, 8.0)[1].cause == 'ka too small'
+    assert loop(switching, 8.0)[1].cause == 'ka is too small'
     noisy = loop(switching, 12.0, velocity_noise=(0.02, 0.02))
-    expected = '' if switching == 'sign' else 'noise, lag or delay too large'
+    expected = '' if switching == 'sign' else 'noise, lag or delay is too large'
     assert [x.cause for x in noisy] == [expected, expected]

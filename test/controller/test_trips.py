@@ -61,16 +61,16 @@ def test_a_fifth_of_a_second_out_of_control_trips(period: int) -> None:
     assert checked(monitor, at(0.1, 0.19), 100) == ''
     found = checked(monitor, at(0.1, 0.21), max(20 * MS // period, 1))
     assert found.startswith('the feedback of observer_feedback oscillated: b oscillates at 21 Hz; '
-                            'the drives may be slower')
+                            'possible causes are drives ')
 
 
 def test_a_second_of_a_limit_cycle_trips_with_joint_and_frequency() -> None:
     monitor = TripMonitor(['a', 'b'], MS)
     assert checked(monitor, at(0.4, cycling=0.99), 100) == ''
     assert checked(monitor, at(0.4, cycling=1.0), 20) == (
-        'the feedback of observer_feedback found no bandwidth at which it is calm: b oscillates '
-        'at 21 Hz; the joints are elastic, or an inertia is far from that of the model, often a '
-        "rotor's; set resonance, or correct rotor_inertia (docs/safety.md#limit-cycles)")
+        'the feedback of observer_feedback oscillated at every bandwidth: b oscillates '
+        'at 21 Hz; the joints are elastic, or an inertia of the model is wrong, often a rotor; '
+        'set resonance or correct rotor_inertia (docs/safety.md#limit-cycles)')
 
 
 def test_a_loop_that_found_its_bandwidth_goes_on_with_a_warning() -> None:
@@ -78,7 +78,7 @@ def test_a_loop_that_found_its_bandwidth_goes_on_with_a_warning() -> None:
     for law, warned in ((at(0.1), 1), (at(0.3), 1), (at(0.8), 0), (at(1.0, law='chattering'), 0)):
         assert checked(TripMonitor(['a', 'b'], MS), law, 1000) == ''
         assert len(low_bandwidth(law)) == warned
-    assert 'down to 10 % of its bandwidth' in low_bandwidth(at(0.1))[0]
+    assert 'uses 10 % of its bandwidth' in low_bandwidth(at(0.1))[0]
 
 
 #: Gains for drives with a lag of 2 ms.
@@ -136,7 +136,7 @@ def test_an_elastic_arm_trips_within_two_seconds_with_joint_and_frequency() -> N
         reason = monitor.check(law, sample)
         torques.append(sample.tau)
         plant.step(sample.tau)
-    shown = re.search(r'no bandwidth at which it is calm: (a|b) oscillates at (\d+) Hz', reason)
+    shown = re.search(r'oscillated at every bandwidth: (a|b) oscillates at (\d+) Hz', reason)
     assert shown is not None, reason
     last = np.array(torques)[-512:, 'ab'.index(shown[1])]
     spectrum = np.abs(np.fft.rfft((last - last.mean()) * np.hanning(512)))

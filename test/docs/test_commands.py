@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Every command line of the README and the docs is right; those that can run here, run."""
+"""The command lines of README and docs are valid, and those that can run here succeed."""
 
 from __future__ import annotations
 
@@ -38,14 +38,15 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *(
     path for folder in ('docs', 'validation') for path in sorted((ROOT / folder).glob('*.md'))))
-#: What runs here, by how the line begins; the first ones in `make test`, too. The others take the
-#: network, a robot, a cluster, or minutes, or other tests run them.
+#: Beginnings of the lines that run in `make test`, and of those that run in `make slow`. Others
+#: need the network, a robot, a cluster or minutes, or other tests run them.
 FAST = ('ctc new-robot', 'ctc check-model --model', 'bringup pendulum')
 RUNS = (*FAST, 'ctc check-model', 'ctc compare', 'ctc excite', 'ctc map gains', 'ctc plot',
         'ctc tune friction', 'bringup panda', 'bringup excite', 'bringup --pacing',
+        'bringup ur5',
         *(f'ros2 run ctc_chattering {name} --ros-args --params-file'
           for name in ('plant', 'controller', 'reference')))
-#: Stands in for the client ros2, and for what pip puts on the path; runs are short.
+#: Replacement of the client ros2, and of the commands that pip installs, for short runs.
 PRELUDE = f"""
 shopt -s expand_aliases
 ros2() {{
@@ -89,7 +90,7 @@ def is_assignment(text: str) -> bool:
 
 
 def ours(line: Line) -> list[str]:
-    """Return the words of a command of this package, or none."""
+    """Return the words of a command of this package, or an empty list for another program."""
     words = shlex.split(line.text)
     if words[:3] == ['ros2', 'run', '--prefix']:
         del words[2:4]
@@ -98,15 +99,15 @@ def ours(line: Line) -> list[str]:
     return words if words[0] in ('ctc', 'bringup', *NODE_DESCRIPTIONS) else []
 
 
-def test_the_list_of_what_runs_is_not_stale() -> None:
+def test_every_beginning_of_the_list_is_in_the_docs() -> None:
     for start in RUNS:
         assert any(line.text.startswith(start) for line in LINES), start
 
 
 @pytest.mark.parametrize(
     'line', [x for x in LINES if ours(x)], ids=lambda x: f'{x.page}: {x.text}')
-def test_commands_of_this_package_are_ones(line: Line) -> None:
-    """Check options, parameters and remaps, of those too that do not run here."""
+def test_every_command_line_has_valid_options(line: Line) -> None:
+    """Check options, parameters and remaps, also of lines that do not run here."""
     name, *arguments = ours(line)
     if name == 'ctc':
         ctc_parser().parse_args(arguments)
@@ -117,11 +118,11 @@ def test_commands_of_this_package_are_ones(line: Line) -> None:
     ros._replace(parameters=rules).values([name])
 
 
-def test_commands_are_written_as_all_users_have_them() -> None:
+def test_ctc_and_bringup_are_written_without_ros2_run() -> None:
     """
-    Bare, as pip puts them on the path; for ROS from apt the README makes aliases of both.
+    Check that pages write them as pip installs them, and that install.md has aliases of both.
 
-    Clients of ROS and of robots start other programs, and single nodes, by `ros2 run`.
+    Single nodes are written with `ros2 run`.
     """
     written = [line.text for line in LINES if line.text.startswith('ros2 run')
                and ours(line)[:1] in (['ctc'], ['bringup'])]
@@ -150,8 +151,8 @@ def runs() -> Iterator[Any]:
 
 
 @pytest.mark.parametrize('line', list(runs()))
-def test_what_can_run_here_runs(line: Line, folder: Path) -> None:
-    """Run a line after the assignments before it; a node until it says what it waits for."""
+def test_the_command_succeeds(line: Line, folder: Path) -> None:
+    """Run a line after the assignments before it. Stop a node when it waits for its topics."""
     before = [x for x in line.before if is_assignment(x)]
     if ours(line)[:2] == ['ctc', 'plot']:
         before += [x for x in line.before if ' bringup ' in f' {x} ']
@@ -175,3 +176,16 @@ def test_what_can_run_here_runs(line: Line, folder: Path) -> None:
         finally:
             process.kill()
     assert process.returncode == 0, ''.join(said) + output
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('law', ['compensation', 'observer_feedback'])
+def test_the_readme_shows_what_ctc_simulate_prints(law: str, tmp_path: Path) -> None:
+    """Compare the comment behind a line of the first ten minutes, up to its dots."""
+    text = (ROOT / 'README.md').read_text(encoding='utf-8')
+    (shown,) = re.findall(rf'^ctc simulate ur5 --law {law} +# (.*) \.\.\.$', text, re.MULTILINE)
+    output = subprocess.run(
+        [sys.executable, '-m', 'ctc_chattering.cli.ctc', 'simulate', 'ur5', '--law', law],
+        cwd=tmp_path, env={**os.environ, 'PYTHONPATH': str(ROOT)}, text=True,
+        stdout=subprocess.PIPE, timeout=10 * PATIENCE, check=True).stdout
+    assert ' '.join(shown.split()) in ' '.join(output.split())

@@ -12,12 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The tables of the docs have the numbers of the code: a sample of rows; all in `make slow`."""
+"""The tables of the docs have the numbers of the code: a sample of rows, more in `make slow`."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 import csv
+import dataclasses
 from math import inf
 from pathlib import Path
 import re
@@ -33,7 +34,7 @@ from ctc_chattering.control.laws.registry import SWITCHINGS
 from ctc_chattering.runs.conditions import ALL, CONDITIONS
 from ctc_chattering.runs.score import Score
 import imperfections as cases
-from imperfections import Case, CaseOutcome, evaluate, to_csv
+from imperfections import CaseOutcome, evaluate, to_csv
 from imperfections import EVERY_LAW as LAWS
 from imperfections_page import OF_LAWS as LAW_KIND
 from imperfections_page import OF_SWITCHINGS as SWITCHING_KIND
@@ -48,8 +49,9 @@ LAW_STUDY = (DOCS / 'study' / 'laws.csv').read_text(encoding='utf-8')
 TOLERANCE = 0.05
 #: Groups of chaotic cases: a start that differs by 1e-13 rad changes some of their rows by up to
 #: 21 %; so do compiled code, and the sine of another processor.
-CHAOTIC, CHANGE = ('Drive lag', 'Encoder resolution', 'Input delay', 'Realistic conditions',
-                   'Torque rate limit', 'Velocity of encoders'), 0.25
+CHAOTIC = ('Drive lag', 'Encoder resolution', 'Input delay', 'Realistic conditions',
+           'Torque rate limit', 'Velocity of encoders')
+CHAOTIC_TOLERANCE = 0.25
 
 
 def documented(text: str, variant: str) -> list[CaseOutcome]:
@@ -69,7 +71,7 @@ def documented(text: str, variant: str) -> list[CaseOutcome]:
 
 ROWS = documented(STUDY, 'switching')
 LAW_ROWS = documented(LAW_STUDY, 'law')
-#: Of both tables, cases of two groups.
+#: Rows of both tables, from several groups of cases.
 SAMPLE = [next(x for x in rows if x.case.group == group and x.variant == variant)
           for rows, group, variant in (
               (ROWS, 'Torque rate limit', 'implicit_observer'), (ROWS, cases.BASIC, 'implicit'),
@@ -87,7 +89,7 @@ def check(row: CaseOutcome) -> None:
     if expected.failure:
         assert again.failure
         return
-    tolerance = CHANGE if row.case.group in CHAOTIC else TOLERANCE
+    tolerance = CHAOTIC_TOLERANCE if row.case.group in CHAOTIC else TOLERANCE
     assert again.rms == pytest.approx(expected.rms, rel=tolerance)
     assert again.variation == pytest.approx(expected.variation, rel=tolerance)
 
@@ -96,7 +98,7 @@ def check(row: CaseOutcome) -> None:
     ('study', STUDY, ROWS, SWITCHING_KIND, 'switching', [
         x for x in SWITCHINGS if any(row.variant == x for row in ROWS)]),
     ('laws', LAW_STUDY, LAW_ROWS, LAW_KIND, 'law', LAWS)])
-def test_a_study_has_every_case_and_both_files_have_the_same_numbers(
+def test_a_study_has_every_case_and_its_page_the_numbers_of_its_csv(
         name: str, text: str, rows: list[CaseOutcome], kind: Any, head: str,
         variants: Sequence[str]) -> None:
     """Every case under every switching or law of the study, with today's parameters."""
@@ -110,22 +112,22 @@ def test_a_study_has_every_case_and_both_files_have_the_same_numbers(
 
 @pytest.mark.parametrize('row', [*SAMPLE, *(pytest.param(
     x, marks=pytest.mark.slow) for x in (*ROWS, *LAW_ROWS)[::23] if x not in SAMPLE)], ids=name_of)
-def test_a_row_of_the_study(row: CaseOutcome) -> None:
+def test_a_row_of_the_study_is_reproduced(row: CaseOutcome) -> None:
     check(row)
 
 
-def test_a_stale_row_is_found() -> None:
-    """A default that has changed shows: without anti-windup the numbers are others."""
+def test_a_changed_default_makes_a_row_stale() -> None:
+    """Without anti-windup the numbers differ."""
     row = next(row for row in ROWS if 'from the reference, known' in row.case.name
                and row.case.name.startswith('200') and row.variant == 'sign')
     case = row.case
-    stale = Case(case.name, case.group, {**case.overrides, 'controller': {
+    stale = dataclasses.replace(case, overrides={**case.overrides, 'controller': {
         **case.overrides['controller'], 'anti_windup': False}})
     with pytest.raises(AssertionError):
         check(row._replace(case=stale))
 
 
-#: What `implicit_observer` must reach in a basic case: RMS e2 and torque variation of joint 2.
+#: Upper bounds for `implicit_observer` in basic cases: RMS e2 and torque variation of joint 2.
 THRESHOLDS = {
     'clean': (2e-5, 170.0), '200 Hz': (2.5e-4, 180.0), 'ka = 20': (2e-5, 190.0),
     'velocity noise 5e-3 rad/s': (1.8e-4, inf), 'model × 0.9': (7e-5, 170.0),
@@ -133,8 +135,8 @@ THRESHOLDS = {
 
 
 @pytest.mark.parametrize('name', THRESHOLDS)
-def test_the_observer_meets_its_thresholds(name: str) -> None:
-    """Check that it has less torque variation than `sign`, too."""
+def test_implicit_observer_stays_below_its_thresholds(name: str) -> None:
+    """Check also that it has less torque variation than `sign`."""
     found = {(row.case.name, row.variant): row.score for row in ROWS
              if row.case.group == cases.BASIC}
     score, rough = found[name, 'implicit_observer'], found[name, 'sign']
@@ -148,7 +150,7 @@ def table(text: str, head: str) -> list[list[str]]:
     return [[cell.strip(' `*') for cell in row.strip('|').split('|')] for row in rows]
 
 
-def test_the_experiments_of_the_paper_page() -> None:
+def test_the_page_of_the_paper_has_the_metrics_of_its_experiments() -> None:
     """RMS errors and torque variation of the runs under one law, in their order."""
     experiments = [x for x in EXPERIMENTS.values() if x[1]]
     rows = table(PAPER, '| experiment | law |')
@@ -162,7 +164,7 @@ def test_the_experiments_of_the_paper_page() -> None:
                 found[key], rel=TOLERANCE)
 
 
-def test_the_recommended_switchings_are_those_of_the_study() -> None:
+def test_the_table_of_switchings_has_the_numbers_of_the_study() -> None:
     theory = (DOCS / 'theory.md').read_text(encoding='utf-8')
     rows = {row[0]: row[1:3] for row in table(theory, '| `switching` | RMS')}
     for row in (row for row in ROWS if (row.case.group, row.case.name) == (cases.BASIC, 'clean')):
@@ -180,8 +182,8 @@ def rows_of(name: str) -> list[list[str]]:
 
 
 @pytest.mark.slow
-def test_the_paper_s_law_on_real_drives() -> None:
-    """Of each table a cell; joint 2 in `real_arm` differs by some 10 % with the last bit."""
+def test_the_tables_of_the_paper_study_are_reproduced() -> None:
+    """Check one cell a table. Joint 2 in `real_arm` differs by some 10 % with the last bit."""
     head, *body = rows_of('bound')
     assert head[1:] == list(paper_study.COLUMNS)
     assert len(body) == sum(len(kas) for _, kas in paper_study.LAWS.values())
@@ -206,7 +208,7 @@ def shown(directory: str, title: str) -> dict[tuple[str, ...], list[str]]:
     return {tuple(row[:3]): row[3:] for row in rows}
 
 
-def test_its_tables_are_those_that_were_written() -> None:
+def test_comparison_and_readme_have_the_tables_of_ctc_compare() -> None:
     assert compared.filled(TEXT) == TEXT
     assert BLOCKS
     text = compared.README.read_text(encoding='utf-8')
@@ -214,14 +216,14 @@ def test_its_tables_are_those_that_were_written() -> None:
     assert '<!-- tables: ' in text
 
 
-def test_it_has_every_condition() -> None:
+def test_the_page_of_the_comparison_has_every_condition() -> None:
     table = TEXT[TEXT.index('| `--condition` |'):].split('\n\n')[0]
     assert re.findall(r'^\| `(\w+)`', table, re.MULTILINE) == [*CONDITIONS, ALL]
 
 
 @pytest.mark.parametrize('directory', BLOCKS)
-def test_each_number_of_the_tables_is_in_the_csv(directory: str) -> None:
-    """Check RMS errors joint by joint, and what survived of the held-out conditions."""
+def test_the_tables_of_the_comparison_have_the_numbers_of_the_csv(directory: str) -> None:
+    """Check RMS errors of each joint, and errors and survival in held-out conditions."""
     found = [x for x in compared.lines(directory)
              if x['rms_error'] and x['condition'] == 'real_arm']
     assert found

@@ -31,10 +31,11 @@ from urdfs import joint, link, PANDA, panda, two_links, UR5, ur5, urdf
 
 SHAPES = 'values are finite and have their shapes'
 SYMMETRIC, DEFINITE = 'M is symmetric', 'M is positive definite (condition number)'
-SKEW, LAGRANGE = '½ dM/dt - C is skew-symmetric', 'C dq is what M gives'
+SKEW, LAGRANGE = '½ dM/dt - C is skew-symmetric', 'C dq agrees with the derivatives of M'
 GRADIENT = 'G is the gradient of the potential'
-EVALUATE, INVERSE = 'evaluate gives M, C and G', 'inverse_dynamics is M a + C dq + G'
-FORWARD = 'forward dynamics undoes inverse dynamics'
+EVALUATE = 'evaluate agrees with M, C and G'
+INVERSE = 'inverse_dynamics agrees with M a + C dq + G'
+FORWARD = 'forward dynamics inverts inverse dynamics'
 
 
 def failed(model: Model) -> set[str]:

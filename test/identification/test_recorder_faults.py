@@ -121,8 +121,8 @@ def test_stamps_of_reception_need_care() -> None:
 def test_stamps_that_are_coarser_than_the_period_are_refused() -> None:
     """Whole 10 ms at 8 ms."""
     coarse = dataclasses.replace(SMOOTH, t=np.round(T, 2))
-    with pytest.raises(CtcError, match='of the states have the stamp of another one: stamps are '
-                       'in steps of 10 ms, coarser than the period'):
+    with pytest.raises(CtcError, match='of the states share the stamp of another state, because '
+                       'stamps have a resolution of 10 ms, coarser than the period'):
         coarse.checked()
 
 

@@ -21,13 +21,12 @@ from pathlib import Path
 import signal
 import time
 
-from faults import running
-from processes import alive, bringup, CONFIG, PATIENCE, RANGE, run_bringup, wait_for
+from faults import endless, running
+from processes import alive, bringup, PATIENCE, RANGE, run_bringup, wait_for
 import pytest
 from recorded_runs import reports_of
 
 pytestmark = pytest.mark.ros
-ENDLESS = ('--params-file', str(CONFIG / 'friction.yaml'), '--duration', '0')
 NODES = ('plant', 'controller', 'reference', 'recorder')
 
 
@@ -48,7 +47,7 @@ def test_a_graph_is_confined_to_this_host_and_a_signal_stops_it_cleanly(
     The first signal ends all; a second one that is not handled would kill bringup.
     """
     bag = tmp_path / 'bag'
-    with bringup(*ENDLESS, '--record', str(bag), discovery=discovery) as process:
+    with bringup(*endless(bag), discovery=discovery) as process:
         pids = running(process, bag)
         assert {name: environment(pid)[RANGE] for name, pid in pids.items()} == (
             dict.fromkeys(NODES, discovery or 'LOCALHOST'))
@@ -68,12 +67,12 @@ def test_a_graph_is_confined_to_this_host_and_a_signal_stops_it_cleanly(
 @pytest.mark.parametrize('victim', ['plant', 'recorder'])
 def test_the_death_of_any_is_reported_and_ends_all(tmp_path: Path, victim: str) -> None:
     bag = tmp_path / 'bag'
-    with bringup(*ENDLESS, '--record', str(bag)) as process:
+    with bringup(*endless(bag)) as process:
         pids = running(process, bag)
         os.kill(pids[victim], signal.SIGKILL)
         output, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
-    assert f'bringup: {victim} ended with signal SIGKILL; its last output:' in output
+    assert f'bringup: {victim} ended with signal SIGKILL. Its last output is:' in output
     assert 'Traceback' not in output
     assert alive(list(pids.values())) == []
     if victim != 'recorder':
@@ -83,7 +82,7 @@ def test_the_death_of_any_is_reported_and_ends_all(tmp_path: Path, victim: str) 
 
 def test_no_process_outlives_a_killed_bringup(tmp_path: Path) -> None:
     bag = tmp_path / 'bag'
-    with bringup(*ENDLESS, '--record', str(bag)) as process:
+    with bringup(*endless(bag)) as process:
         pids = running(process, bag)
         process.kill()
         process.wait(PATIENCE)

@@ -101,7 +101,7 @@ def test_slider_moves_both_arms_to_the_recorded_poses(
         slide(page, 0)
         before = numbers(page)
         press(page, 'play')
-        eventually(lambda: numbers(page)[0][2] != before[0][2], 'the arm to move', page)
+        eventually(lambda: numbers(page)[0][1] != before[0][1], 'the arm to move', page)
         process.send_signal(signal.SIGINT)
         assert process.wait(PATIENCE) == 0
 
@@ -278,9 +278,9 @@ def test_nothing_of_a_bag_is_html_in_its_pages(tmp_path: Path) -> None:
     run = RecordedRun(replace(
         made, source=evil, law_terms=made.terms, description='<robot><link/></robot>',
         configs=[(0.0, replace(made.config, model='urdf'))]))
-    assert run.remark == 'no picture of the arm: URDF: a link is not named'
+    assert run.remark == 'the arm cannot be drawn: URDF: a link is not named'
     for t in (0.2, 0.2004):  # The page shows the last sample before a time.
-        assert np.array_equal(run.at(t), (made.run.q[200], made.run.q_d[200]))
+        assert np.array_equal(run.positions(t), (made.run.q[200], made.run.q_d[200]))
     write_export([run], tmp_path / 'page.html')
     text = (tmp_path / 'page.html').read_text(encoding='utf-8')
     assert text.count('</script>') == 6

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the controls of a graph show, and what the page may ask for: in a browser, and by words."""
+"""Controls of a graph: their requests and their state, here and in a browser."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from types import SimpleNamespace
 from typing import Any
 from unittest.mock import call, Mock
 
-from browser import browser_page, unfold
+from browser import browser_page, press, unfold
 from ctc_chattering.control.controller import ControllerConfig
 import ctc_chattering.live
-from ctc_chattering.live.controls import ALL, Controls, GAINS, gains_of
-from ctc_chattering.live.controls import PLANT as PLANT_FIELDS
+from ctc_chattering.live.controls import Controls, gain_sliders, GAINS, PLANT_FIELDS
 from ctc_chattering.live.page_socket import PageSocket
 import pytest
 
 WEB = Path(ctc_chattering.live.__file__).parent / 'web'
+CONTROLS = (WEB.parent / 'controls.html').read_text()
 STYLE = WEB.parents[1] / 'analysis/web/plots.css'
 EVIL = '<img src=x onerror=hacked=1>'
 NAMES = ('a', 'b', 'c')
@@ -48,7 +48,7 @@ def controls(names: Sequence[str] = NAMES, plant: Any = None, **parameters: Any
              ) -> tuple[Controls, PageSocket, Mock]:
     """Return controls, the socket of a page, and what is asked of a graph and a recorder."""
     asked = Mock()
-    asked.shown.return_value = {'state': 'off', 'path': '/home/lab', 'lasts': 0}
+    asked.shown.return_value = {'state': 'off', 'path': '/home/lab', 'duration': 0}
     reader: Any = SimpleNamespace(
         names=tuple(names), parameters={'controller': {**PARAMETERS, **parameters},
                                         'plant': PLANT if plant is None else plant},
@@ -58,40 +58,49 @@ def controls(names: Sequence[str] = NAMES, plant: Any = None, **parameters: Any
 
 
 def asked(*messages: Any, **parameters: Any) -> list[Any]:
-    """Return what is asked for after messages of a page."""
-    _, socket, found = controls(**parameters)
-    say(socket, *messages)
-    return list(found.mock_calls)
+    """Return the calls after messages of a page."""
+    _, socket, calls = controls(**parameters)
+    send(socket, *messages)
+    return list(calls.mock_calls)
 
 
-def say(socket: PageSocket, *messages: Any) -> None:
-    """Have a page say something."""
+def send(socket: PageSocket, *messages: Any) -> None:
+    """Have a page send messages."""
     for message in messages:
-        socket.hear(json.dumps(message))
+        socket.on_message(json.dumps(message))
     socket.poll(tuple)
 
 
-def gain(name: Any, joint: Any, value: Any) -> dict[str, Any]:
-    return {'gain': {'name': name, 'joint': joint, 'value': value}}
+def gain(name: Any, *values: Any) -> dict[str, Any]:
+    return {'gain': {'name': name, 'values': list(values)}}
 
 
 def is_set(name: str, value: Any) -> list[Any]:
     return [call.set('controller', {name: value})]
 
 
-def test_one_release_is_one_request_with_the_values_of_all_joints() -> None:
-    assert asked(gain('kp', 1, 60)) == is_set('kp', [100.0, 60.0, 20.0])
-    assert asked(gain('ka', ALL, 16.0)) == is_set('ka', [16.0, 8.0, 0.0])
-    assert asked(gain('ka', ALL, 3.0), ka=[0.0] * 3) == is_set('ka', [3.0] * 3)
-    assert asked(gain('kv', 2, 7.0)) == is_set('kv', [50.0, 50.0, 7.0])
-    assert asked(gain('lambda', ALL, 20)) == is_set('lambda', 20.0)
-    assert asked(gain('kp', 1, 50)) == is_set('kp', [100.0, 50.0, 20.0])
+def test_a_gain_is_set_for_all_joints_or_for_each() -> None:
+    assert asked(gain('ka', 1, 2, 3)) == is_set('ka', [1.0, 2.0, 3.0])
+    assert asked(gain('ka', 4.5)) == is_set('ka', [4.5] * 3)
+    assert asked(gain('kv', 50, 50, 7)) == is_set('kv', [50.0, 50.0, 7.0])
+    assert asked(gain('lambda', 20)) == is_set('lambda', 20.0)
     full = [4.0, 1.0, 0.0, 1.0, 2.0, 0.0, 0.0, 0.0, 1.0]
-    assert asked(gain('kp', ALL, 8.0), gain('kp', 0, 8.0), kp=full) == []
+    assert asked(gain('kp', 8.0), kp=full) == []
+
+
+def test_wrong_values_of_a_gain_are_answered_with_the_reason() -> None:
+    made, socket, calls = controls()
+    send(socket, gain('ka', 1, 2), gain('kp', 0))
+    assert not calls.set.called
+    assert [x['done'] for x in made.answers] == [False, False]
+    of_kp, of_ka = (x['text'] for x in made.answers)
+    assert 'got 2 values' in of_ka
+    assert 'a list of finite numbers >= 1e-09 and <= 1e+09' in of_kp
+    json.dumps([made.state(), *made.answers], allow_nan=False)
 
 
 def test_limits_are_the_declared_ones_and_hold_the_values_in_force() -> None:
-    kp, kv, pole, ka = gains_of({**PARAMETERS, 'kp': [3e4, 0.5, 1.0]}, NAMES).values()
+    kp, kv, pole, ka = gain_sliders({**PARAMETERS, 'kp': [3e4, 0.5, 1.0]}, 3).values()
     assert kp.limits == (0.05, 3e5)  # A factor of ten on both sides.
     assert kv.limits == (1.0, 1e3)
     assert pole.limits == ka.limits == (0.1, 1e3)
@@ -100,25 +109,14 @@ def test_limits_are_the_declared_ones_and_hold_the_values_in_force() -> None:
 
 
 @pytest.mark.parametrize('kp', [1e-9, 1e-3, 1.0, 100.0, 1e4, 1e5, 1e9])
-def test_no_gain_is_at_an_end_of_its_slider_but_at_that_of_its_range(kp: float) -> None:
-    """Also the recommended gains, which are large."""
-    gain_of = gains_of({**PARAMETERS, 'kp': [kp] * 3}, NAMES)['kp']
-    least, most = gain_of.limits
-    low, high = gain_of.spec.bounds
-    assert low <= least <= kp <= most <= high
-    assert kp >= 10.0 * least or least == low or kp == gain_of.spec.usual[0]
-    assert kp <= 0.101 * most or most == high
-
-
-def test_numbers_for_all_joints_or_for_each() -> None:
-    assert asked({'gains': {'name': 'ka', 'values': [1, 2, 3]}}) == is_set('ka', [1.0, 2.0, 3.0])
-    assert asked({'gains': {'name': 'ka', 'values': [4.5]}}) == is_set('ka', [4.5] * 3)
-    assert asked({'gains': {'name': 'lambda', 'values': [20]}}) == is_set('lambda', 20.0)
-    made, socket, found = controls()
-    say(socket, {'gains': {'name': 'ka', 'values': [1, 2]}},
-        {'gains': {'name': 'kp', 'values': [0]}})
-    assert not found.set.called
-    assert ['got 2 values' in x['text'] for x in made.answers] == [False, True]
+def test_a_gain_is_at_no_end_of_its_slider_except_those_of_its_range(kp: float) -> None:
+    """Check also the recommended gains, which are large."""
+    slider = gain_sliders({**PARAMETERS, 'kp': [kp] * 3}, 3)['kp']
+    low, high = slider.limits
+    lowest, highest = slider.parameter.bounds
+    assert lowest <= low <= kp <= high <= highest
+    assert kp >= 10.0 * low or low == lowest or kp == slider.parameter.usual[0]
+    assert kp <= 0.101 * high or high == highest
 
 
 def test_fields_of_the_plant_have_the_units_of_their_parameters() -> None:
@@ -129,65 +127,52 @@ def test_fields_of_the_plant_have_the_units_of_their_parameters() -> None:
         'disturbance frequency [rad/s]']
 
 
-PUSH: dict[str, Any] = {'joint': 1, 'torque': 5, 'lasts': 0.5}
-TIME: dict[str, Any] = {'word': 'step', 'samples': 7}
+PUSH: dict[str, Any] = {'joint': 1, 'torque': 5, 'duration': 0.5}
+TIME: dict[str, Any] = {'action': 'step', 'samples': 7}
 #: Requests with a value that no page of ours sends.
 ODD: dict[str, tuple[Any, ...]] = {
     'push': ({**PUSH, 'joint': -1}, {**PUSH, 'joint': True}, {**PUSH, 'torque': nan},
-             {**PUSH, 'torque': 10 ** 400}, {**PUSH, 'lasts': '1'}, {}, None),
-    'time': ({**TIME, 'word': 'x'}, {**TIME, 'word': []}, {**TIME, 'samples': 0},
+             {**PUSH, 'torque': 10 ** 400}, {**PUSH, 'duration': '1'}, {}, None),
+    'time': ({**TIME, 'action': 'x'}, {**TIME, 'action': []}, {**TIME, 'samples': 0},
              {**TIME, 'samples': 1.5}, {**TIME, 'samples': True}, {}, []),
-    'plant': ({'name': 'hold_at', 'value': [1]}, {'name': [], 'value': [1]}, None,
-              *({'name': 'coulomb_friction', 'value': x} for x in (1, '1', [], ['1'], [nan])))}
+    'plant': ({'name': 'hold_at', 'values': [1]}, {'name': [], 'values': [1]}, None,
+              *({'name': 'coulomb_friction', 'values': x} for x in (1, '1', [], ['1'], [nan])))}
 
 
 @pytest.mark.parametrize('message', [
-    *[gain('kp', 0, value) for value in (*WRONG, nan, inf, -inf, 10 ** 400)],
-    *[gain('kp', joint, 5.0) for joint in (-2, 3, 0.0, True, None, '0')],
-    *[gain(name, 0, 5.0) for name in ('ki', 'error_limit', '', None, *WRONG)],
-    {'gain': {'name': 'kp', 'value': 5.0}}, {'gain': {**gain('kp', 0, 5.0)['gain'], 'node': 'x'}},
-    *[{'gains': {'name': name, 'values': values}} for name, values in (
-        ('kp', []), ('kp', 5.0), ('kp', ['5']), ('kp', [nan]), ('kp', None), ('ki', [5.0]))],
-    {'gains': {'name': 'kp'}}, {'gain': None}, {'law': 'none'}, {'law': ['chattering']},
-    {'law': {}}, {'switching': None},
+    *[gain('kp', value) for value in (*WRONG, nan, inf, -inf, 10 ** 400)],
+    *[gain(name, 5.0) for name in ('ki', 'error_limit', '', None, *WRONG)],
+    *[{'gain': {'name': 'kp', 'values': values}} for values in ([], 5.0, ['5'], [nan], None)],
+    {'gain': {'name': 'kp'}}, {'gain': None}, {'gain': {**gain('kp', 5.0)['gain'], 'node': 'x'}},
+    {'law': 'none'}, {'law': ['chattering']}, {'law': {}}, {'switching': None},
     {'record': 5}, {'record': ['x']}, {'record': None}, {'record': 'x'}, {'set': 'x'}, {}, [],
     None, 'law', {'torques': 1}, {'torques': 'on'},
     *[{name: value} for name, values in ODD.items() for value in values]])
-def test_what_no_page_of_ours_sends_is_passed_over(message: Any) -> None:
+def test_a_request_that_no_page_of_ours_sends_is_ignored(message: Any) -> None:
     assert asked(message) == []
 
 
-def test_a_value_that_is_not_allowed_is_refused_with_the_reason() -> None:
-    made, socket, found = controls()
-    say(socket, gain('kp', 1, 0))
-    (answer,) = made.answers
-    assert not found.set.called and not answer['done']
-    assert 'kp: [' in answer['text']
-    assert 'a list of finite numbers >= 1e-09 and <= 1e+09' in answer['text']
-    json.dumps([made.state(), answer], allow_nan=False)
-
-
-def test_all_else_is_asked_for() -> None:
+def test_every_other_request_is_one_call() -> None:
     assert asked({'law': 'compensation'}, {'switching': 'sign'}, {'record': True},
                  {'record': False}, {'torques': True}, {'torques': False}) == [
         *is_set('law', 'compensation'), *is_set('switching', 'sign'),
         call.start(), call.stop(), call.torques(True), call.torques(False)]
-    fields = [{'plant': {'name': 'coulomb_friction', 'value': x}} for x in ([1, 2, 3], [5])]
+    fields = [{'plant': {'name': 'coulomb_friction', 'values': x}} for x in ([1, 2, 3], [5])]
     values: tuple[Any, ...] = ([1.0, 2.0, 3.0], [5.0] * 3)
     assert asked(*fields) == [
         call.set('plant', {'coulomb_friction': value}) for value in values]
     assert asked({'push': PUSH}) == [call.set(
         'plant', {'disturbance.push_duration': 0.5}, {'disturbance.push': [0.0] * 3},
         {'disturbance.push': [0.0, 5.0, 0.0]})]
-    assert [asked({'time': {**TIME, 'word': x}})[0].args[1]['hold_at'] for x in (
+    assert [asked({'time': {**TIME, 'action': x}})[0].args[1]['hold_at'] for x in (
         'hold', 'step', 'run')] == [1.001, 1.007, 0.0]
 
 
 def test_a_gain_without_effect_has_no_slider() -> None:
-    assert asked(gain('ka', 0, 5.0), law='compensation') == []
-    assert 'ka' not in gains_of({**PARAMETERS, 'law': 'compensation'}, NAMES)
+    assert asked(gain('ka', 5.0), law='compensation') == []
+    assert 'ka' not in gain_sliders({**PARAMETERS, 'law': 'compensation'}, 3)
     hostile = {'law': {}, 'kp': ['x'], 'kv': [nan] * 3, 'lambda': 'x', 'ka': [1.0] * 9}
-    assert gains_of(hostile, NAMES) == gains_of({}, NAMES) == {}
+    assert gain_sliders(hostile, 3) == gain_sliders({}, 3) == {}
 
 
 @pytest.mark.browser
@@ -196,19 +181,19 @@ def test_sliders_ask_once_on_release_and_follow_the_values_in_force(started_brow
     given = {'switching': 'implicit_observer', 'kp': [100.0] * 7, 'kv': [50.0] * 7,
              'ka': [8.0, 8.0, 6.0, 6.0, 2.0, 2.0, 1.0]}
     scripts = ''.join(f'<script>{(WEB / name).read_text()}</script>'
-                      for name in ('controls.js', 'status.js'))
+                      for name in ('numbers.js', 'controls.js', 'status.js'))
     answers: list[Any] = []
     with browser_page(started_browser) as page:
         page.set_content(
-            '<div id="panel"><div id="c"></div><div id="log"></div></div><style>'
+            f'<div id="panel"><div id="c">{CONTROLS}</div><div id="log"></div></div><style>'
             f'{STYLE.read_text()}{(WEB / "live.css").read_text()}</style>{scripts}<script>'
             'window.sent = []; window.update = ctcControls(document.getElementById("c"), '
             'x => sent.push(x)); window.log = ctcStatus(null, null, '
             'document.getElementById("log"));</script>')
 
         def put(**parameters: Any) -> None:
-            """Have the page show a state."""
-            made, *_ = controls(names, {'pacing': 'real_time'}, **{**given, **parameters})
+            """Show a state."""
+            made, *_ = controls(names, {**PLANT, 'pacing': 'real_time'}, **{**given, **parameters})
             for answer in answers:
                 made.answer(*answer)
             page.evaluate('([state, answers]) => { update(state); log.answers(answers); }',
@@ -219,11 +204,11 @@ def test_sliders_ask_once_on_release_and_follow_the_values_in_force(started_brow
         assert shown.input_value() == '8, 8, 6, 6, 2, 2, 1'  # That of each joint.
         assert page.get_by_label('kp as a number').input_value() == '100'  # Of all joints.
         shown.fill('8, 8, 6')
-        assert 'one number, or 7' in page.locator('label', has=shown).inner_text()
+        assert 'Enter one number, or 7 numbers.' in page.locator('label', has=shown).inner_text()
         shown.fill('8, 8, 6, 6, 2, 2, 1.5')
         shown.press('Enter')
         assert page.evaluate('sent') == [
-            {'gains': {'name': 'ka', 'values': [8, 8, 6, 6, 2, 2, 1.5]}}]
+            gain('ka', 8, 8, 6, 6, 2, 2, 1.5)]
         page.evaluate('() => { sent.length = 0; }')
         answers.append(('ka', True, 'done'))
         put()
@@ -241,7 +226,7 @@ def test_sliders_ask_once_on_release_and_follow_the_values_in_force(started_brow
         assert 8.0 < dragged < 12.0  # The middle of 0.1 to 1000, as its logarithm has it.
         assert page.evaluate('sent') == []
         page.mouse.up()
-        assert page.evaluate('sent') == [gain('ka', 6, dragged)]
+        assert page.evaluate('sent') == [gain('ka', 8, 8, 6, 6, 2, 2, dragged)]
 
         answers.append(('ka', False, EVIL))  # Refused: it goes back.
         put()
@@ -249,7 +234,7 @@ def test_sliders_ask_once_on_release_and_follow_the_values_in_force(started_brow
         assert EVIL in page.locator('#log').inner_text()
         put(ka=[3.0] * 7)  # Changed elsewhere: it follows.
         assert shown.input_value() == '3'
-        for text, reason in (('x', 'x is no number'), ('-1', 'allowed: 0 to')):
+        for text, reason in (('x', 'x is not a number.'), ('-1', 'The range is 0 to')):
             shown.fill(text)
             assert reason in page.locator('label', has=shown).locator('.ctc-wrong').inner_text()
             shown.press('Enter')
@@ -258,7 +243,19 @@ def test_sliders_ask_once_on_release_and_follow_the_values_in_force(started_brow
         page.get_by_role('button', name='compensation').click()
         page.get_by_role('button', name='● record').click()
         assert page.evaluate('sent')[1:] == [
-            gain('ka', 6, 4.25), {'law': 'compensation'}, {'record': True}]
+            gain('ka', *[3] * 6, 4.25), {'law': 'compensation'}, {'record': True}]
+        # Of all joints the slider shows the largest value, and keeps the ratios.
+        answers.append(('ka', True, 'done'))
+        put()
+        page.get_by_label('gains of', exact=True).select_option(label='all joints')
+        slider.evaluate('it => { it.value = 0.75; it.onchange(); }')
+        assert page.evaluate('sent')[-1] == gain('ka', 100, 100, 75, 75, 25, 25, 12.5)
+        page.evaluate('() => { sent.length = 0; }')
+        unfold(page, 'push')
+        press(page, 'push')
+        page.get_by_label('duration').fill('11')
+        press(page, 'push')  # The browser refuses it.
+        assert page.evaluate('sent') == [{'push': {'joint': 0, 'torque': 50, 'duration': 0.2}}]
         put(law='compensation')
         assert not slider.is_visible()
         assert page.locator('[aria-pressed=true]').all_inner_texts() == ['compensation']
@@ -273,12 +270,13 @@ def test_the_light_shows_all_its_lines_and_nothing_below_it_moves_up_under_the_p
         page.set_content(
             '<div id="panel"><div id="light" class="ctc-light"></div><p id="below">x</p></div>'
             f'<style>{STYLE.read_text()}{(WEB / "live.css").read_text()}</style>'
-            f'<script>{(WEB / "status.js").read_text()}</script><script>window.show = ctcStatus('
+            f'<script>{(WEB / "numbers.js").read_text()}{(WEB / "status.js").read_text()}'
+            '</script><script>window.show = ctcStatus('
             'document.getElementById("light"), null, null).light;</script>')
 
         def put(count: int) -> tuple[bool, float]:
             """Return whether the last of some lines is in sight, and where the light ends."""
-            page.evaluate('lines => show({level: 2, sign: "■ error", law: "law", lines})',
+            page.evaluate('lines => show({level: 2, title: "■ error", law: "law", lines})',
                           [f'node {k}: {"what is wrong with it " * 4}' for k in range(count)])
             bounds: list[float] = page.evaluate(
                 '() => { const light = document.getElementById("light"); return ['

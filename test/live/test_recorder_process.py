@@ -21,11 +21,12 @@ import signal
 import time
 from unittest.mock import Mock
 
-from ctc_chattering.live.controls import RecorderProcess
+from ctc_chattering.live.recorder_process import RecorderProcess, RecorderState
 from diagnostic_msgs.msg import DiagnosticArray
 from processes import probe, wait_for
 import pytest
 from recorded_runs import reports_of
+from rosbags.highlevel import AnyReader
 
 
 @pytest.mark.ros
@@ -39,7 +40,7 @@ def test_records_until_it_is_stopped_and_tells_of_a_death(
 
     def ended() -> bool:
         it.poll()
-        return bool(it.shown()['state'] == 'off')
+        return bool(it.state == RecorderState.OFF)
 
     with probe() as graph:
         it.start()
@@ -49,9 +50,12 @@ def test_records_until_it_is_stopped_and_tells_of_a_death(
             float(value.value) > 0.0 for array in reports for status in array.status
             for value in status.values if value.key == 'rate [Hz]'), 'that it has heard itself')
         it.stop()
-        assert it.shown()['state'] == 'stopping'
+        assert it.state == RecorderState.STOPPING
         wait_for(ended, 'the end')
         assert reports_of(folder / 'run', 'recorder')
+        with AnyReader([folder / 'run']) as bag:
+            count = bag.message_count
+            topics = len(bag.topics)
         it.start()  # Nothing is overwritten.
         wait_for(ended, 'the refusal')
         it.start()
@@ -59,7 +63,8 @@ def test_records_until_it_is_stopped_and_tells_of_a_death(
         it._child.process.send_signal(signal.SIGKILL)
         wait_for(ended, 'the death')
     expected = (
-        (True, ''), (False, f'is recording already: {folder}/run'), (True, f'{folder}/run, '),
+        (True, ''), (False, f'a recording runs already: {folder}/run'),
+        (True, f'{folder}/run: {count} messages on {topics} topics'),
         (True, ''), (False, f'{folder}/run: exists already, not overwritten'), (True, ''),
         (False, 'recorder ended with signal SIGKILL'))
     for (_, done, words), (right, text) in zip(told, expected, strict=True):

@@ -50,7 +50,7 @@ def written(path: Path, more: str = '', bringup: str = '') -> Path:
         for (t, q, x), v in zip(WAYPOINTS, [2.0] + [7.0] * 7))]))
     file.write_text(f"""
 /**:
-  ros__parameters: {{continuous_joints: [joint1, joint2]}}
+  ros__parameters: {{continuous_joints: [joint1, joint2], control_period: 0.002}}
 plant:
   ros__parameters: {{duration: 3.2, coulomb_friction: [3.0, 1.0], {more}}}
 controller:
@@ -107,10 +107,11 @@ def test_in_lockstep_the_window_makes_no_difference(
     known = np.isfinite(result.v).all(axis=1)
     assert np.mean(known) > 0.09
     np.testing.assert_allclose(result.v[known], counted.v[known], atol=1e-6)
-    assert np.abs(np.diff(result.run.q, axis=0)).max() < 0.03
+    # Up to three states are lost: it moves four periods at 7 rad/s.
+    assert np.abs(np.diff(result.run.q, axis=0)).max() < 0.06
     export(result, tmp_path / 'run.csv')
     table = np.genfromtxt(tmp_path / 'run.csv', delimiter=',', skip_header=1)
-    assert np.abs(np.diff(table[:, 1])).max() < 0.03
+    assert np.abs(np.diff(table[:, 1])).max() < 0.06
 
 
 def test_in_real_time_it_turns_without_a_word(tmp_path: Path) -> None:
@@ -148,8 +149,8 @@ def test_a_jump_is_named_once_and_one_that_stays_ends_the_torques() -> None:
 
         controller.states.publish(state(MS, joint1=(3.0 - 2.0 * pi, 0.0), joint2=(0.5, 0.0)))
         it.until_said('joint_states: refused: joint1 is at -3.283 rad, but 1 ms before it was at '
-                      '3 rad with 0 rad/s. That is a whole turn: if it turns endlessly, add it to '
-                      'continuous_joints.')
+                      '3 rad with 0 rad/s; the difference is a whole turn; if the joint turns '
+                      'endlessly, add it to continuous_joints')
         assert controller.answer(state(2 * MS, joint1=(3.0, 0.0), joint2=(0.5, 0.0))) == steady
         report = reports.until('controller', lambda r: r.refused('joint_states'), 'the count')
         assert report.refused('joint_states') == {'position_jump': 1}
@@ -158,6 +159,6 @@ def test_a_jump_is_named_once_and_one_that_stays_ends_the_torques() -> None:
             controller.states.publish(state(k * MS, joint1=(3.0, 0.0), joint2=(1.1, 0.0)))
         report = reports.until('controller', lambda r: r.level == ERROR, 'the trip')
         assert report.message.startswith('tripped: joint2 is at 1.1 rad, but 3 ms before it was ')
-        assert 'It stays there: was its encoder set anew, or does it slip?' in report.message
+        assert 'it stays there; check whether its encoder was reset or slips' in report.message
         assert report.refused('joint_states') == {'position_jump': 4}
         assert not any('nan' in line for line in it.lines)

@@ -122,7 +122,7 @@ def test_the_controller_finds_its_joints_by_name_and_takes_what_is_set() -> None
             *(name for name, _ in changes.values()), 'ka', 'ka']
         assert 'law: chattering -> compensation' in said
         assert 'ka: [13.0, 13.0] -> [14.0, 14.0]' in said
-        assert ('effort_limit is infinite for joint1, joint2: set them to the limits of the '
+        assert ('effort_limit is infinite for joint1, joint2; set it to the limits of the '
                 'drives') in said
 
 

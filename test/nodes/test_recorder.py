@@ -69,7 +69,7 @@ def test_what_was_heard_a_second_ago_is_kept_whatever_ends_the_recording(
         it.until(lambda: publish() and size(bag) > EMPTY, 'the first messages')
         if full:
             resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (size(bag) + 2000,) * 2)
-            said = 'recording has stopped: File too large; what was written before is kept'
+            said = 'the recording has stopped: File too large; '
             it.until(lambda: publish() and 'recorder' in reports.latest
                      and said in reports.latest['recorder'].message, 'the end of the recording')
             assert reports.next('recorder').level == ERROR

@@ -74,7 +74,7 @@ def test_waypoints_of_a_clock_that_is_behind_move_nothing() -> None:
         assert report.refused(TOPIC) == {'waypoints': 1}
         report = reports.next('reference')
         assert report.level == WARN
-        assert 'running as before, because joint_trajectory was refused: all waypoints are ' in (
+        assert 'motion continues, because joint_trajectory was refused: all waypoints are ' in (
             report.message)
         it.until_said(
             f'all waypoints are past: the last one was due at {(begin + 10 * S) / S:.3f} s, now')
@@ -100,7 +100,7 @@ def test_without_points_the_motion_stops_and_goes_on_with_the_next_ones() -> Non
         node.run_to(2 * S)
         begun = dict(node.points)
         sent.publish(JointTrajectory())
-        it.until_said('joint_trajectory: accepted: no waypoint, so that the motion stops; at rest')
+        it.until_said('joint_trajectory is accepted: it has no waypoints, so the motion stops; ')
         node.run_to(5 * S)
         points = dict(sorted(node.points.items()))
         changed = min(t for t, p in points.items() if t in begun and p != begun[t])

@@ -75,7 +75,7 @@ class SlowedController(ControllerUnderTest):
         return [line for line in self.probe.lines if MEASURED in line]
 
     def until_tripped(self) -> str:
-        words = 'tripped: the computer is too slow: '
+        words = 'tripped: the computer is too slow: only '
         report = self.reports.until('controller', lambda r: (
             r.level == ERROR and r.message.startswith(words)), words)
         return report.message.removeprefix(words)
@@ -124,7 +124,7 @@ def test_a_computer_that_is_too_slow_at_first_gets_no_torque(slow: Path) -> None
         robot = SlowedController(it)
         [line] = robot.measured()
         assert '[WARN]' in line and ' 0 were answered within 10 ms' in line
-        kept = float(line.split('this loop keeps ')[1].split(' Hz of the 100 Hz of ')[0])
+        kept = float(line.split('this loop reaches ')[1].split(' Hz of the 100 Hz of ')[0])
         assert 0.0 < kept <= 1.0 / STEP + 1.0
         robot.refer()
         assert robot.until_tripped().startswith('0 of ')

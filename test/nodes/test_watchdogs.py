@@ -173,10 +173,10 @@ def test_torques_at_their_limit_are_counted_and_an_error_beyond_its_own_trips_un
     robot.switch(True)
     robot.assert_silent()
     answer = it.call(Trigger, '/controller/reset', Trigger.Request())
-    assert answer.success and answer.message == 'reset'
+    assert answer.success and answer.message == 'the controller is reset'
     robot.until_well()
     answer = it.call(Trigger, '/controller/reset', Trigger.Request())
-    assert answer.success and answer.message == 'was not tripped'
+    assert answer.success and answer.message == 'the controller had not tripped'
 
 
 def law_of(event: ParameterEvent) -> str | None:
@@ -224,8 +224,8 @@ def test_a_stop_overtakes_a_flood_of_requests_for_parameters(robot: Robot) -> No
         for k in range(count)]
     robot.switch(False)
     it.until(lambda: all(x.done() for x in asked), 'an answer to each request')
-    it.until_said('disable, by a service')
-    stop = next(i for i, line in enumerate(it.lines) if 'disable, by a service' in line)
+    it.until_said('disable by a service')
+    stop = next(i for i, line in enumerate(it.lines) if 'disable by a service' in line)
     assert sum('lambda: ' in line for line in it.lines[:stop]) < count // 2
     it.node.destroy_client(client)
     assert it.set('controller', 'lambda', 10.0).successful
@@ -257,7 +257,7 @@ def test_with_two_sources_of_states_none_is_answered_until_one_has_left(robot: R
     assert refused['second_publisher'] > report.refused('joint_states').get('second_publisher', 0)
     robot.probe.node.destroy_publisher(other)
     robot.until_well()
-    robot.probe.until_said('joint_states: obeyed again: /probe')
+    robot.probe.until_said('joint_states: messages are used again, from /probe')
 
 
 class Commander:
@@ -284,7 +284,7 @@ class Commander:
     def until_braked(self, words: str) -> Report:
         """Wait for the error, without torque and at rest; return what is reported."""
         report = self.diagnostics.until(
-            'plant', lambda r: r.level == ERROR and 'no command for 0.1 s; torque 0, brakes on'
+            'plant', lambda r: r.level == ERROR and 'no command for 0.1 s; the torque is 0'
             in r.message and words in r.message, words)
         self.states.clear()
         self.probe.until(lambda: len(self.states) > 20 and not any(

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.live.server import BURST, RATE
+from ctc_chattering.live.server import MESSAGE_BURST, MESSAGE_RATE_HZ
 from ctc_chattering.numerics.leaky_bucket import LeakyBucket
 from ctc_chattering.ros.parameters import MAX_SET_BURST_S, MAX_SET_SHARE
 import pytest
@@ -59,10 +59,10 @@ def test_a_burst_is_taken_at_once_and_again_after_a_pause() -> None:
 
 
 def test_a_page_that_is_used_waits_for_nothing_and_one_that_floods_does() -> None:
-    bucket = LeakyBucket(RATE, BURST)
+    bucket = LeakyBucket(MESSAGE_RATE_HZ, MESSAGE_BURST)
     # A slider or a camera that is moved for ten seconds.
     assert [bucket.fill(1.0, 50.0 + k / 60.0) for k in range(600)] == [0.0] * 600
-    bucket, now = LeakyBucket(RATE, BURST), 50.0
+    bucket, now = LeakyBucket(MESSAGE_RATE_HZ, MESSAGE_BURST), 50.0
     for _ in range(1000):
-        now += bucket.fill(1.0, now) / RATE
-    assert now - 50.0 == pytest.approx((1000 - BURST) / RATE, rel=1e-3)
+        now += bucket.fill(1.0, now) / MESSAGE_RATE_HZ
+    assert now - 50.0 == pytest.approx((1000 - MESSAGE_BURST) / MESSAGE_RATE_HZ, rel=1e-3)

@@ -129,6 +129,17 @@ def test_a_build_has_all_files_of_the_package(tmp_path: Path) -> None:
     assert Path('c_export/templates/ros2_control/controller.cpp') in built
 
 
+def test_every_pip_builds_a_wheel() -> None:
+    """
+    Check the build backend, without which old pips run setup.py.
+
+    With the options of setup.cfg, setup.py installs the commands where `ros2 run` finds them,
+    and not on the path.
+    """
+    text = (ROOT / 'pyproject.toml').read_text(encoding='utf-8')
+    assert "build-backend = 'setuptools.build_meta'" in text
+
+
 def test_an_installation_has_the_license(tmp_path: Path) -> None:
     subprocess.run(
         [sys.executable, 'setup.py', '--quiet', 'install_data', '--install-dir', tmp_path],

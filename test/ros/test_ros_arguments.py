@@ -191,10 +191,11 @@ for name in {names}:
     for name in names:
         assert f'{__version__}\nstatus 0\nusage: {name} ' in result.stdout
         assert NODE_DESCRIPTIONS[name] in result.stdout
-    assert result.stdout.count('parameters: ctc parameters\nstatus 0\nstatus 2\n') == len(names)
+    assert result.stdout.count(
+        '`ctc parameters` lists all parameters.\nstatus 0\nstatus 2\n') == len(names)
     for name, line in zip(names, result.stderr.splitlines(), strict=True):
         assert line.startswith(f'{name}: ')
-        assert line.endswith(' is missing; docs/install.md says what to install')
+        assert line.endswith(' is missing; install it (docs/install.md)')
 
 
 def test_nodes_of_the_loop_need_no_tools() -> None:
@@ -207,8 +208,8 @@ assert bringup.main([]) == 2
 assert ctc.main(['map', 'gains']) == 2
 """)
     assert result.stderr.splitlines() == [
-        'bringup: tqdm is missing; docs/install.md says what to install',
-        'ctc map: tqdm is missing; docs/install.md says what to install']
+        f'{command}: the Python package tqdm is missing; install it (docs/install.md)'
+        for command in ('bringup', 'ctc map')]
 
 
 def test_an_error_of_ours_is_not_taken_for_a_missing_package(

@@ -176,8 +176,8 @@ def test_a_set_is_all_or_nothing_and_nothing_that_is_sent_ends_a_node(
                 ('law', 'picky:law', 'only at the start'),
                 ('switching', 'own_switching:Smooth', 'only at the start'),
                 # As `ros2 param set` sends what YAML does not take for a number.
-                ('kp', '1e-9', "; write 1.0e-9: '1e-9' is text to YAML"),
-                ('ki', [501.0, 0.0], 'the law picky:Law cannot be made: ValueError: too much')):
+                ('kp', '1e-9', "; write 1.0e-9, because YAML reads '1e-9' as text"),
+                ('ki', [501.0, 0.0], 'law picky:Law cannot be constructed: ValueError: too much')):
             answer = it.set('controller', name, value)
             assert not answer.successful and words in answer.reason
         for node, setter in setters.items():
@@ -217,10 +217,11 @@ def test_a_set_is_all_or_nothing_and_nothing_that_is_sent_ends_a_node(
         assert not any('Traceback' in line for line in it.lines)
 
 
-def test_a_law_that_a_node_starts_with_takes_its_own_gains_unless_it_is_given_some() -> None:
+def test_a_law_at_the_start_takes_its_own_gains_unless_some_are_given() -> None:
     with probe() as it:
         law = ('-p', 'law:=observer_feedback')
         it.start('controller', *law)
         it.start('controller', *law, '-p', 'ka:=[60.0, 30.0]', '-r', '__node:=other')
         assert it.get('controller', 'kp') == [1e4, 1e4]
         assert (it.get('other', 'ka'), it.get('other', 'kp')) == ([60.0, 30.0], [100.0, 100.0])
+    assert not any('law None' in line for line in it.lines)

@@ -234,7 +234,7 @@ def test_the_stamp_at_the_beginning() -> None:
         for data in (serialize_message(Clock(clock=message)),
                      serialize_message(JointState(header=Header(stamp=message)))):
             if t is None:
-                with pytest.raises(CtcError, match=f'{sec} s and {nanosec} ns are no time'):
+                with pytest.raises(CtcError, match=f'{sec} s and {nanosec} ns are not a time'):
                     read_stamp(data)
             else:
                 assert read_stamp(data) == t

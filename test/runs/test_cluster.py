@@ -67,22 +67,22 @@ def started(folder: Path, *preload: str, **environment: str) -> Iterator[str]:
 def test_rows_come_from_a_cluster(tmp_path: Path) -> None:
     made = runs()
     chunks = [np.arange(3), np.arange(3, 5)]
-    with started(tmp_path) as address, cluster.connected(address) as client:
-        tables = list(cluster.computed(client, made, chunks))
+    with started(tmp_path) as address, cluster.connect_cluster(address) as client:
+        tables = list(cluster.run_on_cluster(client, made, chunks))
         assert [x['run'].to_pylist() for x in tables] == [[0, 1, 2], [3, 4]]
         here = [store.compute(made, '', chunk) for chunk in chunks]
         assert pyarrow.concat_tables(tables).drop_columns('engine').equals(
             pyarrow.concat_tables(here).drop_columns('engine'))
         with pytest.raises(CtcError, match=r'^a worker failed: ValueError: index 1000000'):
-            list(cluster.computed(client, made, [np.array([10 ** 6])]))
+            list(cluster.run_on_cluster(client, made, [np.array([10 ** 6])]))
         with pytest.raises(CtcError, match=r'a worker has version .* not 0'):
             list(pool_of(client, made))
 
 
 def pool_of(client: Any, made: Any) -> Iterator[Any]:
     """Yield what a worker answers to another version."""
-    for data in pool.computed(client, cluster.answer, [np.arange(1)], made, '0'):
-        yield cluster.read_answer(data, store.schema(made), np.arange(1))
+    for data in pool.run_on_workers(client, cluster.answer, [np.arange(1)], made, '0'):
+        yield cluster.read_answer(data, store.table_schema(made), np.arange(1))
 
 
 @pytest.fixture(scope='module')
@@ -103,8 +103,8 @@ def test_what_a_worker_sends_runs_nothing_here(
         number: int, reason: str, attacked: tuple[str, Path]) -> None:
     """Check an evil answer, error and warning, bytes that are no table, and other rows."""
     address, folder = attacked
-    with cluster.connected(address) as client, pytest.raises(CtcError, match=f'^{reason}'):
-        list(cluster.computed(client, runs(), [np.array([number])]))
+    with cluster.connect_cluster(address) as client, pytest.raises(CtcError, match=f'^{reason}'):
+        list(cluster.run_on_cluster(client, runs(), [np.array([number])]))
     assert not marked(folder)
 
 
@@ -113,7 +113,7 @@ def test_the_attack_would_succeed_where_dask_unpickles(
     """Check that the worker's answer is one that makes a file."""
     address, folder = attacked
     with pool.workers(1, address) as client:
-        answers = pool.computed(client, cluster.answer, [np.array([0])], runs(), '')
+        answers = pool.run_on_workers(client, cluster.answer, [np.array([0])], runs(), '')
         assert next(answers) is None
     assert marked(folder)
     (folder / str(os.getpid())).unlink()
@@ -122,7 +122,7 @@ def test_the_attack_would_succeed_where_dask_unpickles(
 def test_what_the_scheduler_sends_runs_nothing_here(tmp_path: Path) -> None:
     with started(tmp_path, '--preload', str(ATTACKERS), **{SCHEDULER: 'yes'}) as address:
         with (pytest.raises(CtcError, match='no scheduler answers'),
-              cluster.connected(address)):
+              cluster.connect_cluster(address)):
             pass
         assert not marked(tmp_path)
 
@@ -145,7 +145,7 @@ def test_only_other_threads_are_refused_and_only_while_connected(
         thread.start()
         thread.join()
 
-    with cluster.connected('tcp://nowhere:1'):
+    with cluster.connect_cluster('tcp://nowhere:1'):
         in_a_thread()
         assert errors == ['builtins.exec was sent to be unpickled, which is refused']
         assert not marked(tmp_path)

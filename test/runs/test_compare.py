@@ -35,17 +35,17 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.output_files import finite
 from ctc_chattering.output_folder import LIST
 from ctc_chattering.runs import compare_page
-from ctc_chattering.runs.compare import Comparison, tasks, variants
+from ctc_chattering.runs.compare import ComparisonRuns, ComparisonSpec
 from ctc_chattering.runs.compare_page import Outcome, outcomes, write_parameters
-from ctc_chattering.runs.conditions import Condition, CONDITIONS, held_out, LOST, read_cases
+from ctc_chattering.runs.conditions import LOST_ERROR_RAD, read_cases
 from ctc_chattering.runs.recommended import (
-    BASE,
+    BASELINE,
     FILE,
     gains_by_rule,
+    LawSettings,
     RECOMMENDED,
-    Variant,
 )
-from ctc_chattering.runs.score import over_simulation, PER_JOINT, Runner, score
+from ctc_chattering.runs.score import PER_JOINT, Runner, score, simulate_truth
 from ctc_commands import ctc, refused
 from map_specs import compared
 from mujoco_plant import simulated_by_mujoco
@@ -60,25 +60,26 @@ LIMITS = {'panda': (87.0,) * 4 + (12.0,) * 3, 'ur5': (150.0,) * 3 + (28.0,) * 3}
 NAMES = {'panda': PANDA, 'ur5': UR5}
 #: What runs a setup, by the plant that moves the robot.
 PLANTS: dict[str, Runner] = {
-    'builtin': over_simulation, 'mujoco': lambda setup: simulated_by_mujoco(setup, truth=True)}
+    'builtin': simulate_truth, 'mujoco': lambda setup: simulated_by_mujoco(setup, truth=True)}
 
 #: Laws that the page leaves out, since their gains must be searched first.
 RIVALS = ('pid_kalman', 'extended_state_observer')
 
 
-def evaluated(made: Comparison, run: Runner = over_simulation) -> list[Outcome]:
+def evaluated(made: ComparisonRuns, run: Runner = simulate_truth) -> list[Outcome]:
     """Return the outcomes of a comparison, each run made by `run`, here."""
     return outcomes(pandas.DataFrame([made.row(k, run) for k in range(len(made))]))
 
 
 def compared_robot(robot: str, plant: str) -> None:
     """Run all laws on a robot with the file's gains; every claim about it holds."""
-    found = evaluated(Comparison(tasks([CONFIG / f'{robot}.yaml'], [''])), PLANTS[plant])
-    assert [x['variant'] for x in found] == variants()
+    spec = ComparisonSpec([CONFIG / f'{robot}.yaml'])
+    found = evaluated(ComparisonRuns(spec.runs()), PLANTS[plant])
+    assert [x.law for x in found] == spec.law_settings
     for x in found:
-        assert (x['experiment'], tuple(x['joints'])) == (robot, NAMES[robot])
-        assert not x['reason']
-        assert (np.array(x['peak']) < LIMITS[robot]).all()  # Nothing is cut off.
+        assert (x.experiment, tuple(x.joints)) == (robot, NAMES[robot])
+        assert not x.score.failure
+        assert (np.array(x.score.peak) < LIMITS[robot]).all()  # Nothing is cut off.
     assert_gains(found)
     assert_documented(found, 0.05 if plant == 'mujoco' else 0.1)
 
@@ -86,10 +87,10 @@ def compared_robot(robot: str, plant: str) -> None:
 def assert_gains(found: list[Outcome]) -> None:
     """Check by how much the switchings, and what is recommended, are better than the original."""
     for x in found:
-        if x['law'] == 'chattering' or x['settings'] == RECOMMENDED:
-            least = min(a / b for a, b in zip(found[0]['rms'], x['rms']))
-            claimed = (500.0 if x['settings'] == RECOMMENDED else
-                       1000.0 if x['switching'] == 'implicit_observer' else 10.0)
+        if x.law.law == 'chattering' or x.law.is_recommended:
+            least = min(a / b for a, b in zip(found[0].score.rms, x.score.rms))
+            claimed = (500.0 if x.law.is_recommended else
+                       1000.0 if x.law.switching == 'implicit_observer' else 10.0)
             assert least >= claimed, x
 
 
@@ -106,21 +107,23 @@ def assert_documented(found: list[Outcome], tolerance: float) -> None:
     page = (CONFIG.parent / 'validation' / 'README.md').read_text(encoding='utf-8')
     table = page[page.index('| law | switching |'):].split('\n\n')[0].replace('`', '')
     rows = {tuple(row[:3]): row[3:] for row in map(cells, table.splitlines()[2:])}
-    assert list(rows) == variants([law for law in LAWS if law not in RIVALS])
-    first = 3 * list(NAMES).index(found[0]['experiment'])
+    documented = ComparisonSpec(['friction'], [law for law in LAWS if law not in RIVALS])
+    assert list(rows) == [tuple(law.columns.values()) for law in documented.law_settings]
+    first = 3 * list(NAMES).index(found[0].experiment)
     for x in found:
-        least = min(a / b for a, b in zip(found[0]['rms'], x['rms']))
-        if x['variant'] in rows:
-            shown = rows[x['variant']][first:first + 3]
+        least = min(a / b for a, b in zip(found[0].score.rms, x.score.rms))
+        law = tuple(x.law.columns.values())
+        if law in rows:
+            shown = rows[law][first:first + 3]
             assert [float(text.strip('×')) for text in shown] == pytest.approx(
-                [max(x['rms']), least, max(x['peak'])], rel=tolerance)
+                [max(x.score.rms), least, max(x.score.peak)], rel=tolerance)
 
 
 def cells(line: str) -> list[str]:
     return [x.strip() for x in line.strip().strip('|').split('|')]
 
 
-def test_every_variant_is_run() -> None:
+def test_every_law_and_switching_is_run() -> None:
     seen: list[Setup] = []
     file = CONFIG / 'friction.yaml'
     result = simulate(parameter_file.load(file))
@@ -129,8 +132,8 @@ def test_every_variant_is_run() -> None:
         seen.append(setup)
         return result
 
-    made = Comparison(tasks([file], ['']))
-    given = [json.loads(x['controller']) for x in evaluated(made, run)]
+    made = ComparisonRuns(ComparisonSpec([file]).runs())
+    given = [json.loads(x.controller) for x in evaluated(made, run)]
     assert given[:-1] == [
         {'law': law, **({'switching': switching} if switching else {})}
         for law in LAWS for switching in (SWITCHINGS if law == 'chattering' else [''])]
@@ -143,11 +146,11 @@ def test_every_variant_is_run() -> None:
     assert list(made.examples()) == seen
 
 
-def test_the_smallest_of_a_column_is_bold_whoever_has_it() -> None:
+def test_the_smallest_number_of_a_column_is_bold() -> None:
     """Check it among numbers that look the same as well, and one that diverged."""
-    one, other, lost = (Variant(x, '', FILE) for x in ('integral', 'pd_gravity', 'slotine_li'))
+    one, other, lost = (LawSettings(x) for x in ('integral', 'pd_gravity', 'slotine_li'))
     text = compare_page.to_markdown(compared(
-        'friction', (BASE, 1e-2, 100.0, ''), (one, 1.0001e-3, 300.0, ''),
+        'friction', (BASELINE, 1e-2, 100.0, ''), (one, 1.0001e-3, 300.0, ''),
         (other, 1e-3, 200.0, ''), (lost, 1e-9, 1.0, 'the motion diverged')))
     rows = {cells(line)[0]: cells(line)[3:] for line in text.splitlines()[:9] if '|' in line}
     changes = {cells(line)[0]: cells(line)[3:] for line in text.splitlines()[9:] if '|' in line}
@@ -172,32 +175,34 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
-def of_law(law: str, settings: str = FILE, *, arm: Path, under: Condition) -> Comparison:
+def of_law(law: str, gains: str = FILE, *, arm: Path, condition: str) -> ComparisonRuns:
     """Return the runs of one law under a condition."""
-    return Comparison(x for x in tasks([arm], [], [law], settings, [under])
-                      if (x[0]['law'], x[0]['settings']) == (law, settings))
+    spec = ComparisonSpec([arm], [law], [condition], gains)
+    return ComparisonRuns(run for run in spec.runs()
+                          if (run.columns['law'], run.columns['settings']) == (law, gains))
 
 
 def test_a_condition_has_the_worst_of_its_runs(arm: Path) -> None:
-    made = of_law('integral', arm=arm, under=CONDITIONS['model_error'])
+    made = of_law('integral', arm=arm, condition='model_error')
     assert [x.controller.inertia_scale for _, x in made.listed] == [0.9, 1.1]
     (found,) = evaluated(made)
     scores = [score(x) for _, x in made.listed]
     for name in PER_JOINT:
-        assert found[name] == tuple(map(max, zip(*(getattr(x, name) for x in scores))))
-    assert found['error'] == max(x.error for x in scores)
+        runs = zip(*(getattr(x, name) for x in scores))
+        assert getattr(found.score, name) == tuple(map(max, runs))
+    assert found.score.error == max(x.error for x in scores)
 
 
 @pytest.mark.parametrize('lost', [0, 1])
-def test_a_condition_is_lost_with_any_of_its_runs(arm: Path, lost: int) -> None:
+def test_a_condition_fails_with_any_of_its_runs(arm: Path, lost: int) -> None:
     def run(setup: Setup) -> Result:
         if setup == made.setup(lost):
             raise CtcError('the motion diverged')
-        return over_simulation(setup)
+        return simulate_truth(setup)
 
-    made = of_law('integral', arm=arm, under=CONDITIONS['model_error'])
+    made = of_law('integral', arm=arm, condition='model_error')
     (found,) = evaluated(made, run)
-    assert (found['reason'], found['rms']) == ('the motion diverged', ())
+    assert (found.score.failure, found.score.rms) == ('the motion diverged', ())
 
 
 @pytest.mark.slow
@@ -207,49 +212,49 @@ def test_the_number_of_processes_changes_nothing(arm: Path) -> None:
     one, two = (compare([arm], **arguments, jobs=jobs) for jobs in (1, 2))
     assert one.equals(two)
     assert list(one['settings']) == ['file', RECOMMENDED, RECOMMENDED]
-    for x, (_, setup) in zip(outcomes(one), tasks([arm], ['clean'], arguments['laws'],
-                                                  RECOMMENDED)):
+    runs = ComparisonSpec([arm], arguments['laws'], ['clean'], RECOMMENDED).runs()
+    for x, (_, setup) in zip(outcomes(one), runs):
         again = metrics(simulate(setup, truth=True).run, WINDOW)
-        assert tuple(again['rms_error_rad']) == x['rms']
+        assert tuple(again['rms_error_rad']) == x.score.rms
 
 
-def test_files_of_parameters_give_the_same_run(arm: Path, tmp_path: Path) -> None:
-    made = of_law('compensation', RECOMMENDED, arm=arm, under=CONDITIONS['real_arm'])
+def test_written_parameter_files_give_the_same_runs(arm: Path, tmp_path: Path) -> None:
+    made = of_law('compensation', RECOMMENDED, arm=arm, condition='real_arm')
     write_parameters(made, tmp_path)
     paths = sorted(tmp_path.iterdir())
     assert [x.name for x in paths] == [
         f'friction_real_arm_compensation_recommended_model_{x}.yaml' for x in ('0.9', '1.1')]
     for path, (_, setup) in zip(paths, made.listed):
-        one, other = over_simulation(parameter_file.load(path)).run, over_simulation(setup).run
+        one, other = simulate_truth(parameter_file.load(path)).run, simulate_truth(setup).run
         assert (one.tau == other.tau).all()
 
 
-def test_held_out_conditions_have_the_gains_of_the_rule_there(arm: Path) -> None:
+def test_held_out_conditions_have_gains_by_rule_of_their_own(arm: Path) -> None:
     """Check what survives, medians with a lost run as the worst, and the gains of each draw."""
-    result = over_simulation(parameter_file.load(arm))
+    result = simulate_truth(parameter_file.load(arm))
 
     def run(setup: Setup) -> Result:
-        if setup.controller.error_limit[0] == LOST:
+        if setup.controller.error_limit[0] == LOST_ERROR_RAD:
             seen.append(setup)
             if setup.controller.law == 'integral' and len(seen) == 4:
                 raise CtcError('the motion diverged')
         return result
 
     seen: list[Setup] = []
-    found = evaluated(Comparison(tasks(
-        [arm], ['clean'], ['integral'], RECOMMENDED, held_out(3, 3))), run)
-    mine = [x for x in found if x['law'] == 'integral'][1:]
-    assert [x['condition'] for x in mine] == [x.name for x in held_out(3, 3)]
-    assert [x['reason'] for x in mine] == ['', 'the motion diverged', '']
+    spec = ComparisonSpec([arm], ['integral'], ['clean'], RECOMMENDED, held_out=3, seed=3)
+    found = evaluated(ComparisonRuns(spec.runs()), run)
+    mine = [x for x in found if x.law.law == 'integral'][1:]
+    assert [x.condition for x in mine] == [f'held_out_3_{k}' for k in range(3)]
+    assert [x.score.failure for x in mine] == ['', 'the motion diverged', '']
     own = [x for x in seen if x.controller.law == 'integral']
     for outcome, setup in zip(mine, own, strict=True):
         rule = json.loads(json.dumps(gains_by_rule(setup)))
-        controller = json.loads(outcome['controller'])
+        controller = json.loads(outcome.controller)
         assert {name: controller[name] for name in rule} == rule
     text = compare_page.to_markdown(found)
     (row,) = [cells(x) for x in text.splitlines() if '2 of 3' in x]
     assert row[:5] == ['integral', '', RECOMMENDED, '2 of 3', 'lost']
-    assert float(row[5]) == pytest.approx(sorted(x['error'] for x in mine)[1], rel=0.06)
+    assert float(row[5]) == pytest.approx(sorted(x.score.error for x in mine)[1], rel=0.06)
     lines = compare_page.to_csv(found).splitlines()
     assert sum(',held_out_3_' in x for x in lines) == 2 * (len(found) - 2)
 
@@ -258,7 +263,7 @@ def test_a_run_that_ends_too_early_is_refused(tmp_path: Path) -> None:
     file = tmp_path / 'short.yaml'
     file.write_text('plant: {ros__parameters: {duration: 0.01}}')
     with pytest.raises(CtcError, match=r'short\.yaml: fewer than two samples from 5 s to 10 s'):
-        compare([file], ['compensation'])
+        compare([file], laws=['compensation'])
 
 
 def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Path) -> None:
@@ -295,11 +300,11 @@ def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Pa
     assert '4 runs in 4 chunks, 4 of them computed' in again.stderr
     assert len((out / 'compare.csv').read_text().splitlines()) == 1 + 2 * 2 * 2
     refused(ctc(*arguments, '--seed', 3, '--held-out', 1, '--out', out),
-            'the output of ctc compare of another spec or version', '--overwrite')
+            'there is output of ctc compare for another spec or version', '--overwrite')
 
 
 @pytest.mark.slow
-def test_a_comparison_that_is_killed_goes_on(arm: Path, tmp_path: Path) -> None:
+def test_a_killed_comparison_continues(arm: Path, tmp_path: Path) -> None:
     """Kill the command in the middle; what is left is computed, to the same bytes."""
     names = [x for name in ('clean', 'lag', 'delay', 'encoder') for x in ('--condition', name)]
     words = ['compare', arm, *names, '--laws', 'pd_gravity,integral', '--jobs', 1, '--out']
@@ -326,7 +331,7 @@ def test_a_comparison_that_is_killed_goes_on(arm: Path, tmp_path: Path) -> None:
     (['friction', '--laws', 'integral,sliding'], ["'sliding' is not allowed", 'slotine_li']),
     (['friction', '--held-out', '-1'], ['held_out: -1', '>= 0']),
     (['friction', '--gains', 'good'], ['--gains', 'good', 'recommended'])])
-def test_what_cannot_be_compared_is_refused_in_one_line(
+def test_an_argument_that_is_not_allowed_is_refused_in_one_line(
         arguments: list[object], words: list[str]) -> None:
     result = ctc('compare', *arguments)
     assert result.returncode in (1, 2)
@@ -347,11 +352,11 @@ cases:
 """
 
 
-def test_a_case_is_above_what_all_have_and_that_above_the_file(tmp_path: Path) -> None:
+def test_a_case_overrides_common_values_and_these_the_file(tmp_path: Path) -> None:
     file = tmp_path / 'mine.yaml'
     file.write_text(CASES)
-    found = outcomes(compare(['friction'], ['compensation'], cases=file))
-    assert [x['condition'] for x in found] == [
+    found = outcomes(compare(['friction'], laws=['compensation'], cases=file))
+    assert [x.condition for x in found] == [
         'Drive lag: 2 ms', 'Sample period: 5 ms']
     common = {'coulomb_friction': [8.0, 8.0]}
     given: tuple[dict[str, Any], ...] = (
@@ -361,7 +366,7 @@ def test_a_case_is_above_what_all_have_and_that_above_the_file(tmp_path: Path) -
         setup = parameter_file.load(config_directory() / 'friction.yaml',
                                     {**values, 'controller': {'law': 'compensation'}})
         expected = score(setup)
-        assert [outcome[name] for name in PER_JOINT] == [
+        assert [getattr(outcome.score, name) for name in PER_JOINT] == [
             getattr(expected, name) for name in PER_JOINT]
 
 
@@ -375,18 +380,18 @@ def test_a_case_is_above_what_all_have_and_that_above_the_file(tmp_path: Path) -
     ('cases:\n', 'cases: [1]\nx:\n', "'x' is not allowed"),
     ('duration: 6.0', 'duration: 0.0', r'duration: 0\.0 is not allowed; allowed: a number > 0'),
     ('    2 ms: {x: 2, plant: {actuator_lag: [2.0e-3, 2.0e-3]}}', '    2 ms: 3', '2 ms.*3')])
-def test_what_is_wrong_is_named_before_anything_runs(
+def test_an_error_in_a_file_of_cases_is_named_before_any_run(
         old: str, new: str, words: str, tmp_path: Path) -> None:
     file = tmp_path / 'mine.yaml'
     file.write_text(CASES.replace(old, new))
     with pytest.raises(CtcError, match=words):
-        compare(['friction'], ['compensation'], cases=file)
+        compare(['friction'], laws=['compensation'], cases=file)
 
 
 def test_the_cases_of_the_package_are_allowed() -> None:
     cases = read_cases(find_config('imperfections', folder='cases'))
-    assert len({case.name for case in cases}) == len(cases) == 81
+    assert len({case.title for case in cases}) == len(cases) == 81
     for case in cases:
-        parameter_file.load(config_directory() / 'friction.yaml', case.values)
+        parameter_file.load(config_directory() / 'friction.yaml', case.overrides)
     with pytest.raises(CtcError, match='did you mean imperfections'):
         compare(['friction'], cases='imperfection')

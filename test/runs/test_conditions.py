@@ -24,8 +24,14 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import UsageError
-from ctc_chattering.runs.compare import tasks
-from ctc_chattering.runs.conditions import condition, CONDITIONS, held_out, LOST, torque_rates
+from ctc_chattering.runs.compare import ComparisonSpec
+from ctc_chattering.runs.conditions import (
+    CONDITIONS,
+    find_condition,
+    held_out_cases,
+    LOST_ERROR_RAD,
+    torque_rates,
+)
 from ctc_chattering.simulation.plant_config import PlantConfig
 import numpy as np
 from processes import CONFIG
@@ -77,18 +83,19 @@ def spoiled(tmp_path: Path) -> Path:
 
 
 def setups(file: Path, name: str) -> list[Setup]:
-    return [parameter_file.load(file, x)
-            for x in condition(name).overrides(parameter_file.load(file))]
+    return [parameter_file.load(file, case.overrides)
+            for case in find_condition(name).cases(parameter_file.load(file))]
 
 
-def test_there_is_no_other_condition() -> None:
+def test_an_unknown_condition_is_refused() -> None:
     assert [x for x in CONDITIONS if x != 'payload'] == list(SET)
     with pytest.raises(UsageError, match='no condition is called rain; allowed: clean, lag'):
-        condition('rain')
+        find_condition('rain')
 
 
 @pytest.mark.parametrize('name', SET)
-def test_a_condition_replaces_what_the_file_has_and_nothing_else(name: str, spoiled: Path) -> None:
+def test_a_condition_replaces_drives_sensors_and_model_error_only(
+        name: str, spoiled: Path) -> None:
     plant, controllers = SET[name]
     plain = PlantConfig().as_mapping()
     for file in (FRICTION, spoiled):
@@ -108,7 +115,7 @@ def test_a_condition_replaces_what_the_file_has_and_nothing_else(name: str, spoi
     assert found[0].plant.torque_saturation == (5100.0, 850.0)
 
 
-def test_friction_is_told_and_wrong_where_a_condition_says_so() -> None:
+def test_friction_of_the_controller_has_the_error_of_the_condition() -> None:
     """Check both signs on both joints, over the two runs."""
     assert [x.controller.friction_level for x in setups(FRICTION, 'real_arm')] == [
         pytest.approx((10.89, 8.91)), pytest.approx((8.91, 10.89))]
@@ -120,7 +127,7 @@ def test_events_of_the_file_are_left_out() -> None:
     assert not setups(CONFIG / 'switch.yaml', 'clean')[0].events
 
 
-def test_rate_limits_are_the_file_s_the_paper_s_or_those_of_the_description() -> None:
+def test_rate_limits_come_from_file_paper_or_description() -> None:
     assert torque_rates(parameter_file.load(FRICTION)) == (5000.0, 1000.0)
     own = {'plant': {'torque_rate_limit': [300.0, inf]}}
     assert torque_rates(parameter_file.load(FRICTION, own)) == (300.0, inf)
@@ -132,7 +139,7 @@ def test_stops_are_for_motions_without_waypoints() -> None:
     waypoints = parameter_file.load(FRICTION, {'reference': {
         'trajectory_file': str(CONFIG / 'trajectories' / 'waypoints.yaml')}})
     with pytest.raises(UsageError, match='condition stops needs a motion without waypoints'):
-        condition('stops').overrides(waypoints)
+        find_condition('stops').cases(waypoints)
 
 
 def test_a_payload_is_for_robots_of_a_urdf() -> None:
@@ -141,29 +148,30 @@ def test_a_payload_is_for_robots_of_a_urdf() -> None:
         setups(FRICTION, 'payload')
     (setup,) = setups(CONFIG / 'panda.yaml', 'payload')
     assert setup.plant.payload == 1.0
-    found = {path.stem: list(dict.fromkeys(x['condition'] for x, _ in tasks(
-        [path], ['all'], ['compensation'])))
+    found = {path.stem: list(dict.fromkeys(run.columns['condition'] for run in ComparisonSpec(
+        [path], ['compensation'], ['all']).runs()))
         for path in (FRICTION, CONFIG / 'panda.yaml')}
     assert found == {'friction': list(SET), 'panda': list(CONDITIONS)}
 
 
 def drawn(file: Path, seed: int = 5, count: int = 24) -> list[Setup]:
     nominal = parameter_file.load(file)
-    return [parameter_file.load(file, *x.overrides(nominal)) for x in held_out(count, seed)]
+    return [parameter_file.load(file, case.overrides)
+            for case in held_out_cases(nominal, count, seed)]
 
 
-def test_a_condition_depends_on_seed_and_index_only() -> None:
+def test_a_held_out_case_depends_on_seed_and_index_only() -> None:
     """Check that more conditions begin with the same ones."""
     nominal = parameter_file.load(CONFIG / 'friction.yaml')
-    few, more, other = ([x.overrides(nominal) for x in held_out(n, seed)]
+    few, more, other = (list(held_out_cases(nominal, n, seed))
                         for n, seed in ((3, 5), (9, 5), (3, 6)))
     assert more[:3] == few
-    assert all(a != b for a, b in zip(few, other))
-    assert len({x.name for x in (*held_out(9, 5), *held_out(3, 6))}) == 12
+    assert all(a.overrides != b.overrides for a, b in zip(few, other))
+    assert len({case.name for case in (*more, *other)}) == 12
 
 
 @pytest.mark.parametrize('robot', ['friction', 'panda', 'ur5'])
-def test_the_draws_are_within_what_is_documented(robot: str) -> None:
+def test_draws_are_within_the_documented_ranges(robot: str) -> None:
     """Check the ratios of what the controller is told; both sides of right are drawn."""
     file = CONFIG / f'{robot}.yaml'
     nominal, found = parameter_file.load(file), drawn(file)
@@ -182,7 +190,7 @@ def test_the_draws_are_within_what_is_documented(robot: str) -> None:
             assert low <= min(values) <= max(values) <= high
         assert told.friction_level == nominal.plant.coulomb_friction
         assert told.input_delay == plant.input_delay <= 2
-        assert set(told.error_limit) == {LOST}
+        assert set(told.error_limit) == {LOST_ERROR_RAD}
         assert (plant.payload > 0.0) == nominal.plant.described
         ratios.append((told.actuator_lag[0] / plant.actuator_lag[0],
                        told.torque_rate_limit[0] / plant.torque_rate_limit[0]))

@@ -20,18 +20,18 @@ from math import pi
 from typing import Any
 
 from ctc_chattering.runs.map_data import (
-    against,
+    compare_with_base,
+    failure_share,
     MapData,
-    passing,
     passing_ranges,
-    pooled,
+    passing_values,
+    pooled_interval,
     QUANTILES,
-    share,
     sobol_indices,
     sobol_table,
-    wilson,
+    wilson_interval,
 )
-from ctc_chattering.runs.points import unit_draws
+from ctc_chattering.runs.run_lists import draw_unit_cube
 from map_tables import made_up, table_of
 import numpy as np
 import numpy.typing as npt
@@ -109,7 +109,7 @@ LAWS = ('compensation', 'chattering sign')
 
 def contrast(data: MapData, variant: int, base: int) -> Any:
     """Return the row of a law."""
-    return against(data, base).loc[data.variants[variant]]
+    return compare_with_base(data, base).loc[data.variants[variant]]
 
 
 def grid(failures: Any, errors: Any = None, axes: Any = None) -> Any:
@@ -150,24 +150,25 @@ def test_values_that_pass() -> None:
     failures[1, 2, 1, 0] = False  # Half of the runs fail: it does not pass.
     failures[1, 1, 1] = False
     data = grid(failures.reshape(6, 2, 2))
-    assert passing(data, 1) == ([('a 1 N·m', ['10, 40', 'none']),
-                                 ('a 2 N·m', ['10 to 40', '20'])], 2)
-    assert passing(data, 0) == ([('b 10', ['1 to 2', 'none']), ('b 20', ['2', '2']),
-                                 ('b 40', ['1 to 2', 'none'])], 3)
+    along_b, along_a = passing_values(data, 1), passing_values(data, 0)
+    assert along_b.index.tolist() == ['a 1 N·m', 'a 2 N·m']
+    assert along_b.to_numpy().tolist() == [['10, 40', 'none'], ['10 to 40', '20']]
+    assert along_a.index.tolist() == ['b 10', 'b 20', 'b 40']
+    assert along_a.to_numpy().tolist() == [['1 to 2', 'none'], ['2', '2'], ['1 to 2', 'none']]
 
 
 def test_the_interval_is_that_of_scipy() -> None:
     k, n = np.array([(k, n) for n in (1, 2, 3, 4, 16, 100) for k in range(n + 1)]).T
-    for i, (low, high) in enumerate(zip(*wilson(k, n))):
+    for i, (low, high) in enumerate(zip(*wilson_interval(k, n))):
         expected = binomtest(int(k[i]), int(n[i])).proportion_ci(0.95, 'wilson')
         assert (low, high) == pytest.approx((expected.low, expected.high), abs=1e-12)
         assert 0.0 <= low <= k[i] / n[i] <= high <= 1.0
 
 
 def test_without_a_run_nothing_is_known() -> None:
-    assert [float(x) for x in wilson(0, 0)] == [0.0, 1.0]
-    assert np.isnan(share(0, 0))
-    assert share([1, 0], [4, 2]).tolist() == [0.25, 0.0]
+    assert [float(x) for x in wilson_interval(0, 0)] == [0.0, 1.0]
+    assert np.isnan(failure_share(0, 0))
+    assert failure_share([1, 0], [4, 2]).tolist() == [0.25, 0.0]
 
 
 POINTS = 60
@@ -194,9 +195,9 @@ def test_95_percent_are_95_percent_where_points_share_draws(kind: str, size: flo
     covered = np.zeros(2)
     for _ in range(repeats):
         failures, true = shared(kind, size, draws, random)
-        low, high = pooled(failures, [POINTS] * draws)
+        low, high = pooled_interval(failures, [POINTS] * draws)
         covered[0] += low <= true <= high
-        wrong = wilson(failures.sum(), POINTS * draws)
+        wrong = wilson_interval(failures.sum(), POINTS * draws)
         covered[1] += wrong[0] <= true <= wrong[1]
     assert 0.9 <= covered[0] / repeats <= 1.0
     assert covered[1] / repeats < 0.5
@@ -204,18 +205,18 @@ def test_95_percent_are_95_percent_where_points_share_draws(kind: str, size: flo
 
 def test_draws_of_one_run_are_independent_and_one_draw_says_nothing() -> None:
     expected = binomtest(3, 8).proportion_ci(method='wilson')
-    assert pooled([1, 0, 0, 1, 1, 0, 0, 0], [1] * 8) == pytest.approx(
+    assert pooled_interval([1, 0, 0, 1, 1, 0, 0, 0], [1] * 8) == pytest.approx(
         (expected.low, expected.high))
-    assert np.isnan(pooled([7], [9])).all()
-    assert np.isnan(pooled([7, 0], [9, 0])).all()
+    assert np.isnan(pooled_interval([7], [9])).all()
+    assert np.isnan(pooled_interval([7, 0], [9, 0])).all()
 
 
 def test_a_failure_that_no_draw_shows_is_not_excluded() -> None:
     """Check that 16 draws without a failure exclude no less than 16 runs would."""
-    low, high = pooled([0] * 16, [100] * 16)
+    low, high = pooled_interval([0] * 16, [100] * 16)
     assert low == 0.0
     assert high == pytest.approx(0.221, abs=1e-3)
-    assert pooled([100] * 16, [100] * 16) == pytest.approx((1.0 - high, 1.0))
+    assert pooled_interval([100] * 16, [100] * 16) == pytest.approx((1.0 - high, 1.0))
     assert high > binomtest(0, 16).proportion_ci(method='wilson').high
 
 
@@ -228,7 +229,7 @@ def test_ranges_are_the_values_that_pass(probability: list[float], expected: str
 
 def test_of_ishigami() -> None:
     """Its indices are known: 0.314, 0.442 and 0; in total 0.558, 0.442 and 0.244."""
-    x, y, z = pi * (2.0 * unit_draws('saltelli', 5 * 1024, 3, 0).T - 1.0)
+    x, y, z = pi * (2.0 * draw_unit_cube('saltelli', 5 * 1024, 3, 0).T - 1.0)
     values = np.sin(x) + 7.0 * np.sin(y) ** 2 + 0.1 * z ** 4 * np.sin(x)
     indices, intervals = sobol_indices(values, 3)
     for k, exact in enumerate(([0.3139, 0.4424, 0.0], [0.5576, 0.4424, 0.2437])):
@@ -240,7 +241,7 @@ def test_of_ishigami() -> None:
 
 
 def test_draws_are_a_b_and_a_with_one_column_of_b() -> None:
-    A, B, *mixed = unit_draws('saltelli', 5 * 8, 3, 1).reshape(5, 8, 3)
+    A, B, *mixed = draw_unit_cube('saltelli', 5 * 8, 3, 1).reshape(5, 8, 3)
     for k, each in enumerate(mixed):
         assert (each[:, k] == B[:, k]).all()
         assert (np.delete(each, k, 1) == np.delete(A, k, 1)).all()
@@ -248,7 +249,7 @@ def test_draws_are_a_b_and_a_with_one_column_of_b() -> None:
 
 def drawn(diverged: float) -> MapData:
     """Return a map of errors that grow with the first of two draws, and diverge beyond."""
-    u = unit_draws('saltelli', 4 * 64, 2, 0)
+    u = draw_unit_cube('saltelli', 4 * 64, 2, 0)
     error = np.where(u[:, 0] > diverged, np.nan, np.exp(u[:, 0])).reshape(1, 1, -1)
     failure = np.where(np.isnan(error), 'diverged', np.where(error > 2.0, 'error', ''))
     return MapData(table_of(['compensation'], {}, {'error': error, 'failure': failure},

@@ -24,14 +24,14 @@ from ctc_chattering.analysis.tables import Table
 from ctc_chattering.runs import map_figures
 from ctc_chattering.runs.map_data import MapData
 from ctc_chattering.runs.map_figures import (
-    error_map,
-    failure_map,
-    gain_map,
-    lines,
+    draw_errors,
+    draw_failures,
+    draw_gain,
+    draw_lines,
     NO_NUMBER,
 )
-from ctc_chattering.runs.map_page import against_base, failures, headline, lead, write_report
-from ctc_chattering.runs.spec import rows_of
+from ctc_chattering.runs.map_page import base_tables, failure_table, headline, lead, write_report
+from ctc_chattering.runs.spec import spec_rows
 from figure_layout import overlaps
 from map_specs import spec
 from map_tables import LAWS, made_up, table_of
@@ -54,7 +54,7 @@ def cells(table: Table) -> list[list[str]]:
 
 def test_the_table_has_the_shares_of_the_rows() -> None:
     table = made_up(GRID, 5)
-    rows, found = table.to_pylist(), failures(MapData(table, dict.fromkeys(GRID, 'N*m')))
+    rows, found = table.to_pylist(), failure_table(MapData(table, dict.fromkeys(GRID, 'N*m')))
     kinds = [x for x in ('diverged', 'error', 'saturated') if x in found.heads]
     assert set(kinds) == {row['failure'] for row in rows} - {''}
     assert [line[0] for line in found.rows] == list(dict.fromkeys(x['variant'] for x in rows))
@@ -86,7 +86,7 @@ def test_the_worst_law_comes_first() -> None:
     data = MapData(table_of(('compensation', 'chattering sign', 'observer_feedback'),
                             {'ka': [1.0, 2.0]}, {
         'error': np.where(failure == 'diverged', np.nan, 1.0), 'failure': failure}), {'ka': 'N*m'})
-    (found,) = against_base(data)
+    (found,) = base_tables(data)
     assert found.heads == ['law', 'runs', 'only the law fails', 'only compensation fails']
     assert cells(found) == [
         ['observer_feedback', '8', '7', '0'], ['chattering sign', '8', '4', '1']]
@@ -100,15 +100,15 @@ def test_one_law_that_never_fails() -> None:
         'error': [[[1e-5, 1e-4]]], 'failure': [[['', '']]]}), {'ka': 'N*m'})
     assert headline(data) == 'compensation fails in 0.0 % of the runs'
     assert lead(data) == '1 law: 2 runs.'
-    assert not list(against_base(data))
-    assert cells(failures(data)) == [
+    assert not list(base_tables(data))
+    assert cells(failure_table(data)) == [
         ['compensation', '2', '0.0 %\n0.0 to 65.8', '1.00e-05\n1.00e-04']]
 
 
 def test_page_and_figures_of_a_spec(tmp_path: Path) -> None:
     ka = {'parameter': 'controller.ka', 'values': [5, 20]}
     small = spec(axes={'ka': ka}, laws=['compensation', 'chattering sign'])
-    found = dict(rows_of(small.tree))
+    found = dict(spec_rows(small.tree))
     assert found['laws'] == '[compensation, chattering sign]'
     assert found['axes ka'] == '{parameter: controller.ka, values: [5, 20]}'
     table = made_up({'ka': [5.0, 20.0]}, 3, variants=[x.name for x in small.variants])
@@ -160,7 +160,7 @@ def plain() -> MapData:
 
 @pytest.fixture(scope='module')
 def figure(plain: MapData) -> Figure:
-    return error_map(plain)
+    return draw_errors(plain)
 
 
 def test_colours_are_the_median_errors(plain: MapData, figure: Figure) -> None:
@@ -186,7 +186,7 @@ def test_the_boundary_and_its_interval() -> None:
         failure[:, j, :, :k] = 'error'
     data = MapData(table_of(('chattering sign',), {'a': range(3), 'b': range(5)}, {
         'error': np.ones((15, 1, n)), 'failure': failure.reshape(15, 1, n)}), {'a': '', 'b': ''})
-    figure = failure_map(data)
+    figure = draw_failures(data)
     (ax,) = panels(figure)
     assert shown(ax)[:, 0] == pytest.approx(counts / n)
     intervals = [binomtest(int(k), n).proportion_ci(method='wilson') for k in counts]
@@ -213,13 +213,13 @@ def long_names(axes: int) -> MapData:
 
 
 CASES: dict[str, Any] = {
-    'six laws': lambda: failure_map(data_of('friction', 'ka', variants=tuple(LAWS), repeats=3)),
-    'three axes': lambda: gain_map(data_of('rate', 'ka', 'delay', variants=tuple(LAWS)[:3]), 0),
-    'all diverged': lambda: gain_map(MapData(table_of(SOME, {'a': [0., 1., 10.], 'b': range(9)}, {
+    'six laws': lambda: draw_failures(data_of('friction', 'ka', variants=tuple(LAWS), repeats=3)),
+    'three axes': lambda: draw_gain(data_of('rate', 'ka', 'delay', variants=tuple(LAWS)[:3]), 0),
+    'all diverged': lambda: draw_gain(MapData(table_of(SOME, {'a': [0., 1., 10.], 'b': range(9)}, {
         'error': np.full((27, 3, 1), np.nan), 'failure': np.full((27, 3, 1), 'diverged')}),
         {'a': 'N*m', 'b': ''}), 0),
-    'long names': lambda: failure_map(long_names(3)),
-    'long names of an axis': lambda: lines(long_names(1))}
+    'long names': lambda: draw_failures(long_names(3)),
+    'long names of an axis': lambda: draw_lines(long_names(1))}
 
 
 @pytest.mark.parametrize('case', CASES)
@@ -231,7 +231,7 @@ def test_figures_are_limited_and_say_so() -> None:
     some: dict[str, Any] = {'friction': [1., 2.], 'ka': [1., 2.], 'delay': range(9)}
     found = list(map_figures.figures(data_of(variants=SOME[1:2], repeats=1, **some)))
     assert [stem for stem, _, _ in found] == ['error', 'failure']
-    assert 'Of delay, 6 of 9 values.' in found[0][2]
+    assert '6 of 9 values of delay are shown.' in found[0][2]
     assert len(panels(found[0][1])) == 6
     four = data_of(variants=SOME[1:2], repeats=1, **some, load=range(1, 8))
     assert not list(map_figures.figures(four))

@@ -24,7 +24,7 @@ import time
 from typing import Any
 
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.runs.pool import computed, processes, threads, workers
+from ctc_chattering.runs.pool import processes, run_on_workers, threads, workers
 from ctc_commands import python
 from distributed import LocalCluster
 import pytest
@@ -38,15 +38,15 @@ def client() -> Iterator[Any]:
 
 
 def test_every_result_comes(client: Any) -> None:
-    assert list(computed(client, add, range(50), 100, 1000)) == [1100 + k for k in range(50)]
+    assert list(run_on_workers(client, add, range(50), 100, 1000)) == [1100 + k for k in range(50)]
 
 
-def test_what_a_task_raises_is_raised_here(client: Any) -> None:
+def test_an_error_of_a_task_is_raised_by_the_caller(client: Any) -> None:
     with pytest.raises(ParameterError, match=r'ka: -1\.0 is not allowed; allowed: a number'):
-        list(computed(client, fail, range(3), 'ours'))
+        list(run_on_workers(client, fail, range(3), 'ours'))
     with pytest.raises(CtcError, match=r'^a worker failed: ZeroDivisionError: a division by'):
-        list(computed(client, fail, range(3), 'other'))
-    assert len(list(computed(client, add, range(3), 1, 2))) == 3
+        list(run_on_workers(client, fail, range(3), 'other'))
+    assert len(list(run_on_workers(client, add, range(3), 1, 2))) == 3
 
 
 def test_results_come_in_the_order_of_their_tasks() -> None:
@@ -62,11 +62,11 @@ def test_results_come_in_the_order_of_their_tasks() -> None:
 
 def test_the_task_of_a_killed_worker_goes_to_another(client: Any, tmp_path: Path) -> None:
     """Check with the only worker killed, which holds what all tasks share; another replaces it."""
-    process, = computed(client, die_once, [7], str(tmp_path))
+    process, = run_on_workers(client, die_once, [7], str(tmp_path))
     assert process != int((tmp_path / '7').read_text())
 
 
-def test_without_workers_a_line_says_so(tmp_path: Path) -> None:
+def test_a_line_reports_that_there_are_no_workers(tmp_path: Path) -> None:
     """Begin with none, lose the only one while it computes, and go on each time."""
     lines = list[str]()
     with LocalCluster(n_workers=0, processes=False, protocol='tcp', dashboard_address=None
@@ -85,8 +85,8 @@ def test_without_workers_a_line_says_so(tmp_path: Path) -> None:
         assert threads(client, show) > 0
         assert lines == [f'waiting for workers at {cluster.scheduler_address}']
         threading.Thread(target=lose).start()
-        assert list(computed(client, until_there, [str(tmp_path / 'lost')],
-                             str(tmp_path / 'begun'))) == [2]
+        assert list(run_on_workers(client, until_there, [str(tmp_path / 'lost')],
+                                   str(tmp_path / 'begun'))) == [2]
 
 
 def test_workers_leave_interrupts_to_this_process(client: Any) -> None:
@@ -99,16 +99,16 @@ def test_workers_leave_interrupts_to_this_process(client: Any) -> None:
 @pytest.mark.slow
 def test_a_task_that_kills_every_worker_ends_the_map() -> None:
     with (workers(2) as client, pytest.raises(CtcError, match='4 workers were killed while')):
-        list(computed(client, die, [1]))
+        list(run_on_workers(client, die, [1]))
 
 
 @pytest.mark.parametrize('address', ['nowhere', 'tcp://127.0.0.1:'])
-def test_what_is_no_address(address: str) -> None:
+def test_an_address_without_a_scheduler_is_refused(address: str) -> None:
     with pytest.raises(CtcError, match=f'--scheduler {address}: no scheduler answers: '):
         workers(1, address).__enter__()
 
 
-def test_processes_that_do_not_start_are_said_in_a_line(tmp_path: Path) -> None:
+def test_processes_that_do_not_start_are_reported_in_one_line(tmp_path: Path) -> None:
     """Take a script that ends where the processes that it starts run it again."""
     script = tmp_path / 'script.py'
     script.write_text('from multiprocessing import parent_process\n'

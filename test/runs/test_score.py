@@ -27,14 +27,14 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.errors import CtcError, MachineError
-from ctc_chattering.runs.points import row_of
+from ctc_chattering.runs.run_lists import result_row
 from ctc_chattering.runs.score import (
-    limits,
-    of_results,
-    over_simulation,
+    result_columns,
     Score,
     score,
+    simulate_truth,
     slips_at_rest,
+    torque_limits,
 )
 from ctc_chattering.runs.spec import Failure
 from ctc_chattering.simulation.closed_loop import Run, run_closed_loop
@@ -53,14 +53,14 @@ def setup(**plant: Any) -> Setup:
 def test_numbers_are_those_of_the_samples_with_none_missing_in_between() -> None:
     """Check a run that lacks samples, in the window and as a whole."""
     made = setup(sample_loss=0.2)
-    result = over_simulation(made)
+    result = simulate_truth(made)
     found, run = score(made, WINDOW, lambda _: result), result.run
     part, whole = (metrics(run, x, period=1e-3) for x in (WINDOW, (0.0, 0.1)))
     assert part['missing_samples'] == found.missing != 0
     assert found.variation == tuple(part['torque_variation_nm_per_s'])
     assert found.peak_rate == tuple(whole['max_torque_rate_nm_per_s'])
     assert found.peak == tuple(np.abs(run.tau).max(axis=0))
-    row = row_of(found, 2, NONE)
+    row = result_row(found, 2, NONE)
     assert (row['error'], row['variation']) == (max(found.rms), max(found.variation))
     assert [row[f'peak_torque_nm_{i}'] for i in (1, 2)] == list(found.peak)
     assert (found.failure, found.engine) == (
@@ -74,13 +74,13 @@ def test_a_failure_has_a_reason_and_no_numbers() -> None:
     found = score(setup(), (0.0501, 0.0502))
     assert found == Score(failure='fewer than two samples from 0.0501 s to 0.0502 s',
                           engine=found.engine)
-    assert (found.error, row_of(found, 2, NONE)['variation']) == (inf, None)
+    assert (found.error, result_row(found, 2, NONE)['variation']) == (inf, None)
 
 
 @pytest.mark.parametrize(('error', 'text'), [
     (CtcError('it diverged'), 'it diverged'), (ZeroDivisionError('a\nb'), 'the run failed: '
                                                'ZeroDivisionError: a b')])
-def test_what_a_run_raises_is_its_failure(error: Exception, text: str) -> None:
+def test_an_error_of_a_run_is_its_failure(error: Exception, text: str) -> None:
     def run(_: Setup) -> Result:
         raise error
 
@@ -88,7 +88,7 @@ def test_what_a_run_raises_is_its_failure(error: Exception, text: str) -> None:
 
 
 @pytest.mark.parametrize('error', [MemoryError(), OSError(28, 'no space'), KeyboardInterrupt()])
-def test_what_the_machine_cannot_do_is_none(error: BaseException) -> None:
+def test_an_error_of_the_machine_is_no_failure_of_the_run(error: BaseException) -> None:
     def run(_: Setup) -> Result:
         raise error
 
@@ -96,7 +96,7 @@ def test_what_the_machine_cannot_do_is_none(error: BaseException) -> None:
         score(setup(), run=run)
 
 
-def test_slips_are_those_at_rest() -> None:
+def test_slips_are_counted_at_rest_only() -> None:
     """Check one slip in the window, and those before it, of a short rest and too slow."""
     t, one = np.linspace(0.0, 2.0, 2001), np.zeros((2001, 2))
     dq_d, dq = one.copy(), one.copy()
@@ -110,10 +110,10 @@ def test_slips_are_those_at_rest() -> None:
     np.testing.assert_allclose(slips_at_rest(run, (0.8, 1.6)), [1.0 / 0.801, 0.0], rtol=5e-3)
 
 
-def test_states_are_the_true_ones() -> None:
+def test_numbers_use_true_states() -> None:
     coarse = setup(encoder_resolution=[0.01, 0.01])
     seen = simulate(coarse).run
-    true = over_simulation(coarse).run
+    true = simulate_truth(coarse).run
     assert (true.tau == seen.tau).all()
     assert seen.q[1:] == pytest.approx(0.01 * np.round(seen.q[1:] / 0.01), abs=1e-9)
     assert np.abs(true.q - seen.q).max() > 1e-3
@@ -163,7 +163,7 @@ def test_the_numbers_are_those_of_the_true_states(way: str) -> None:
         'max_error_norm1_rad': np.abs(e).sum(axis=1).max(), 'missing_samples': 0}
     np.testing.assert_allclose([row[key] for key in expected], list(expected.values()), rtol=1e-6)
     assert (row['engine'], row['failure'], row['reason']) == (way, '', '')
-    assert list(row) == list(of_results(2))
+    assert list(row) == list(result_columns(2))
 
 
 @WAYS
@@ -209,4 +209,4 @@ def test_the_limit_of_a_torque_is_the_least_of_controller_model_and_drives() -> 
     panda = parameter_file.load(CONFIG / 'panda.yaml', {
         'controller': {'effort_limit': [np.inf, 50.0, *[np.inf] * 5]},
         'plant': {'torque_saturation': [np.inf, np.inf, 60.0, *[np.inf] * 4]}})
-    assert limits(panda) == [87.0, 50.0, 60.0, 87.0, 12.0, 12.0, 12.0]
+    assert torque_limits(panda) == [87.0, 50.0, 60.0, 87.0, 12.0, 12.0, 12.0]

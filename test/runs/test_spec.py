@@ -26,13 +26,13 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.spec import (
-    applied,
-    check,
+    check_quantities,
     Failure,
     KEYS,
     read_axis,
     read_spec,
     read_uncertain,
+    set_quantities,
 )
 from map_specs import SMALL, spec, written
 import numpy as np
@@ -60,14 +60,14 @@ def test_every_key_is_in_the_docs_and_means_what_they_say(tmp_path: Path) -> Non
     assert found.failure.as_mapping() == {
         'error_above': 0.01, 'error_share_above': 0.2, 'saturated_above': 0.05,
         'not_reached': True, 'slips_above': 1.0}
-    assert [(x.name, x.law, x.switching, x.recommended) for x in found.variants] == [
+    assert [(x.name, x.law, x.switching, x.is_recommended) for x in found.variants] == [
         ('compensation', 'compensation', '', False),
         ('chattering sign', 'chattering', 'sign', False),
         ('observer_feedback recommended', 'observer_feedback', '', True),
         ('soft', 'chattering', 'implicit', False)]
 
 
-def test_defaults() -> None:
+def test_an_empty_spec_has_defaults() -> None:
     """Check a spec of nothing: the law of the file, one run, the second half of it."""
     found = spec(**{**dict.fromkeys(SMALL), 'duration': 2.0})
     assert found.setup.plant.experiment == 'friction'
@@ -90,11 +90,11 @@ def test_paths_count_from_the_spec(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('path', sorted((CONFIG / 'maps').iterdir()), ids=lambda x: x.stem)
-def test_specs_of_the_package(path: Path) -> None:
+def test_specs_of_the_package_are_read(path: Path) -> None:
     assert read_spec(path).runs > 100
 
 
-def test_a_law_is_recommended_as_docs_say() -> None:
+def test_a_recommended_law_has_its_own_switching_and_name() -> None:
     found = spec(laws=['compensation', {'law': 'chattering', 'recommended': True}])
     made = recommended_setup(found.setup, 'chattering').controller
     assert found.variants[1].switching == made.switching
@@ -128,7 +128,8 @@ def test_a_law_is_recommended_as_docs_say() -> None:
     ({'failure': 3}, ['failure', '3', 'error_above']),
     ({'failure': {'error': 3}}, ["'error'", 'error_above, error_share_above, saturated_above']),
     ({'repeats': 9_999_999}, ['119999988 runs', '6 points, 2 laws', 'allowed: 10000000'])])
-def test_bad_specs(tmp_path: Path, changes: dict[str, Any], words: list[str]) -> None:
+def test_an_error_names_file_key_value_and_allowed_ones(
+        tmp_path: Path, changes: dict[str, Any], words: list[str]) -> None:
     """Check a line with the file, the key, its value and what is allowed."""
     path = written(tmp_path / 'bad.yaml', **changes)
     with pytest.raises(CtcError) as error:
@@ -141,7 +142,7 @@ def test_bad_specs(tmp_path: Path, changes: dict[str, Any], words: list[str]) ->
 @pytest.mark.parametrize(('text', 'word'), [
     ('- 1', 'a mapping of params_file'), ('a: [', 'not a YAML file'),
     ('laws: &a [*a]', 'Circular reference')])
-def test_what_is_no_spec(tmp_path: Path, text: str, word: str) -> None:
+def test_a_file_that_is_no_spec_is_refused(tmp_path: Path, text: str, word: str) -> None:
     (tmp_path / 'bad.yaml').write_text(text, encoding='utf-8')
     with pytest.raises(CtcError, match=word):
         read_spec(tmp_path / 'bad.yaml')
@@ -186,8 +187,9 @@ def axis(parameter: str | list[str], values: list[float], **more: Any) -> Any:
     return read_axis('x', {key: parameter, 'values': values, **more})
 
 
-def test_a_number_is_that_of_every_joint_and_of_every_node() -> None:
-    setup = applied(SETUP, [(axis(FRICTION, [3]), 3.0), (axis('control_period', [2e-3]), 2e-3)])
+def test_a_number_is_set_on_every_joint_and_node() -> None:
+    setup = set_quantities(SETUP, [
+        (axis(FRICTION, [3]), 3.0), (axis('control_period', [2e-3]), 2e-3)])
     assert setup.plant.coulomb_friction == (3.0, 3.0)
     periods = {x.control_period for x in (setup.plant, setup.controller, setup.reference)}
     assert periods == {2e-3}
@@ -197,22 +199,23 @@ def test_a_number_is_that_of_every_joint_and_of_every_node() -> None:
 
 def test_an_integer_stays_one() -> None:
     delay = axis(['plant.input_delay', 'controller.input_delay'], [0, 1, 2])
-    setup = applied(SETUP, [(delay, 2.0)])
+    setup = set_quantities(SETUP, [(delay, 2.0)])
     assert (setup.plant.input_delay, setup.controller.input_delay) == (2, 2)
     assert type(setup.plant.input_delay) is int
     with pytest.raises(CtcError, match=r'input_delay: 1\.5 is not allowed; allowed: an integer'):
-        applied(SETUP, [(delay, 1.5)])
+        set_quantities(SETUP, [(delay, 1.5)])
 
 
-def test_a_factor_multiplies_what_is_there() -> None:
+def test_a_factor_multiplies_the_current_value() -> None:
     file = SETUP.changed({'plant': {'coulomb_friction': [2.0, 4.0]}})
     double, level = axis(FRICTION, [2], factor=True), axis(FRICTION, [3])
-    assert applied(file, [(double, 2.0)]).plant.coulomb_friction == (4.0, 8.0)
-    assert applied(file, [(level, 3.0), (double, 2.0)]).plant.coulomb_friction == (6.0, 6.0)
-    assert applied(file, [(double, 2.0), (double, 2.0)]).plant.coulomb_friction == (8.0, 16.0)
+    assert set_quantities(file, [(double, 2.0)]).plant.coulomb_friction == (4.0, 8.0)
+    assert set_quantities(file, [(level, 3.0), (double, 2.0)]).plant.coulomb_friction == (6.0, 6.0)
+    twice = set_quantities(file, [(double, 2.0), (double, 2.0)])
+    assert twice.plant.coulomb_friction == (8.0, 16.0)
     full = SETUP.changed({'controller': {'kp': [2.0, 0.5, 0.5, 3.0]}})
     gain = axis('controller.kp', [2], factor=True)
-    assert applied(full, [(gain, 2.0)]).controller.kp == (4.0, 1.0, 1.0, 6.0)
+    assert set_quantities(full, [(gain, 2.0)]).controller.kp == (4.0, 1.0, 1.0, 6.0)
 
 
 def test_a_range_is_a_grid() -> None:
@@ -242,7 +245,7 @@ def test_a_range_is_a_grid() -> None:
     ({'parameter': FRICTION, 'range': [0, 1], 'count': 3, 'spacing': 'log'}, ['range', '> 0']),
     ({'parameter': FRICTION, 'range': [1, 2], 'count': 3, 'spacing': 'cubic'}, ['linear | log']),
     ({'parameter': FRICTION, 'values': [1], 'factor': 2}, ['axes.x.factor', 'a boolean'])])
-def test_bad_axes(tree: Any, words: list[str]) -> None:
+def test_an_axis_that_is_not_allowed_is_refused(tree: Any, words: list[str]) -> None:
     with pytest.raises(ParameterError) as error:
         read_axis('x', tree)
     assert [word for word in words if word not in str(error.value)] == []
@@ -256,7 +259,8 @@ def test_bad_axes(tree: Any, words: list[str]) -> None:
     ({'log_uniform': [0, 1]}, ['> 0']), ({'normal': [1, 0]}, ['standard deviation > 0']),
     ({'choice': []}, ['different numbers']), ({'choice': [1, 1]}, ['different numbers']),
     ({'values': [1]}, ['values', 'a mapping of parameter'])])
-def test_bad_distributions(distribution: dict[str, Any], words: list[str]) -> None:
+def test_a_distribution_that_is_not_allowed_is_refused(
+        distribution: dict[str, Any], words: list[str]) -> None:
     with pytest.raises(ParameterError) as error:
         read_uncertain('x', {'parameter': FRICTION, **distribution})
     assert [word for word in words if word not in str(error.value)] == []
@@ -265,15 +269,15 @@ def test_bad_distributions(distribution: dict[str, Any], words: list[str]) -> No
 def test_values_are_checked_before_anything_runs() -> None:
     """Check the ends of a distribution, contradictions, and the order of what is set twice."""
     level, factor = axis(FRICTION, [3]), axis(FRICTION, [2], factor=True)
-    check([(level, (3.0,)), (factor, (2.0,))], SETUP)
+    check_quantities([(level, (3.0,)), (factor, (2.0,))], SETUP)
     for quantities, words in (
             ([(axis(FRICTION, [-1, 1]), (-1.0, 1.0))], ['x = -1', 'coulomb_friction', '>= 0']),
             ([(axis('plant.control_period', [2e-3]), (2e-3,))], ['x = 0.002', 'put what nodes']),
             ([(level, ()), (read_axis('y', {'parameter': FRICTION, 'values': [1]}), ())],
-             ['y', FRICTION, 'a factor, for x sets it'])):
+             ['y', FRICTION, 'a factor, since x sets it'])):
 
         with pytest.raises(CtcError) as error:
-            check(quantities, SETUP)
+            check_quantities(quantities, SETUP)
         assert [word for word in words if word not in str(error.value)] == []
     far = read_uncertain('x', {'parameter': FRICTION, 'normal': [1.0, 9.0]})
-    check([(far, far.typical)], SETUP)  # A draw below 0 is refused when it comes.
+    check_quantities([(far, far.typical)], SETUP)  # A draw below 0 is refused when it comes.

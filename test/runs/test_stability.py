@@ -58,10 +58,10 @@ def test_with_enough_ka_the_upper_bound_is_sharp(friction: float) -> None:
     assert beyond > 4.0 * inside
 
 
-def test_what_is_refused() -> None:
+def test_loops_that_are_not_linear_are_refused() -> None:
     with pytest.raises(CtcError, match='chattering sign is not linear'):
         loops({'switching': 'sign'})
-    with pytest.raises(CtcError, match='law pd_gravity: its torque is not in proportion to M'):
+    with pytest.raises(CtcError, match='law pd_gravity: its torque is not proportional'):
         loops({'law': 'pd_gravity'})
     with pytest.raises(CtcError, match='velocity_sensor: filtered is not allowed'):
         loops({'law': 'compensation'}, velocity_sensor='filtered', velocity_cutoff=500.0)

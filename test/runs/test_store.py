@@ -25,7 +25,7 @@ from typing import Any
 
 from ctc_chattering.errors import CtcError
 from ctc_chattering.runs import store
-from ctc_chattering.runs.points import Runs
+from ctc_chattering.runs.run_lists import MapRuns
 from ctc_chattering.runs.store import Directory
 from map_specs import evaluate, runs, SMALL
 import numpy as np
@@ -37,13 +37,13 @@ SCHEMA = pyarrow.schema([('run', 'int64'), ('error', 'float64')])
 ABOUT = {'key': 'one', 'spec': {'a': 1}, 'versions': {'ctc_chattering': '1'}}
 
 
-def sizes(made: Runs) -> list[int]:
+def sizes(made: MapRuns) -> list[int]:
     found = store.chunks(made, range(len(made)))
     assert [run for chunk in found for run in chunk] == list(range(len(made)))
     return [len(chunk) for chunk in found]
 
 
-def test_a_chunk_has_so_many_control_steps() -> None:
+def test_the_size_of_a_chunk_follows_steps_and_joints() -> None:
     """Check 4e6 / n² steps of two laws, and that one run is the least."""
     long = {'duration': 100.0, 'axes': None, 'uncertain': None, 'repeats': 1000}
     assert sizes(runs(**long)) == [10] * 200
@@ -53,7 +53,7 @@ def test_a_chunk_has_so_many_control_steps() -> None:
 def test_rows_are_those_of_their_runs() -> None:
     made = runs()
     table = store.compute(made, store.version(), range(5, 9))
-    assert table.schema == store.schema(made)
+    assert table.schema == store.table_schema(made)
     for run, row in zip(range(5, 9), table.to_pylist()):
         assert row == {**made.columns(run), **evaluate(
             made.setup(run), made.spec.window, made.spec.failure)}
@@ -69,7 +69,7 @@ def test_a_refused_run_is_a_row() -> None:
     assert reason.startswith('plant: viscous_friction: ')
 
 
-def test_another_version_does_not_compute() -> None:
+def test_a_worker_of_another_version_refuses() -> None:
     with pytest.raises(CtcError, match=r'a worker has version .* not 0\.0\.0; install'):
         store.compute(runs(), '0.0.0', range(1))
 
@@ -96,16 +96,16 @@ CHANGES: list[dict[str, Any]] = [
     {'uncertain': {'other': SMALL['uncertain']['model']}}]
 
 
-def test_keys_change_with_everything_that_matters(tmp_path: Path) -> None:
-    keys = [store.about(runs(**change))['key'] for change in [{}, *CHANGES]]
+def test_a_key_changes_with_every_input(tmp_path: Path) -> None:
+    keys = [store.table_metadata(runs(**change))['key'] for change in [{}, *CHANGES]]
     with opened(tmp_path) as made:
         pass
     keys += [made.file(chunk) for chunk in (range(2), range(3), range(1, 3))]
     assert len(set(keys)) == len(keys)
-    assert store.about(runs())['key'] == keys[0]
+    assert store.table_metadata(runs())['key'] == keys[0]
 
 
-def test_files_matter_by_what_they_contain(tmp_path: Path) -> None:
+def test_a_key_depends_on_the_contents_of_files_only(tmp_path: Path) -> None:
     """Check waypoints under the same path."""
     keys = set()
     for end in (3.0, 3.1):
@@ -113,10 +113,11 @@ def test_files_matter_by_what_they_contain(tmp_path: Path) -> None:
         path.write_text(f'joint_names: [joint1, joint2]\npoints:\n'
                         f'- {{positions: [{end}, 1.5], time_from_start: 1.0}}\n')
         made = runs(overrides={'reference': {'trajectory_file': str(path)}})
-        keys.add(store.about(made)['key'])
+        keys.add(store.table_metadata(made)['key'])
     assert len(keys) == 2
     panda = runs(params_file='panda', overrides={}, axes=None, laws=['compensation'])
-    assert set(store.about(panda)['spec']['descriptions']) == {'plant', 'controller', 'reference'}
+    assert set(store.table_metadata(panda)['spec']['descriptions']) == {
+        'plant', 'controller', 'reference'}
 
 
 def rows(*runs: int) -> Any:
@@ -125,7 +126,7 @@ def rows(*runs: int) -> Any:
 
 @contextmanager
 def opened(path: Path, key: str = 'one', overwrite: bool = False) -> Iterator[Directory]:
-    with store.opened(path, {**ABOUT, 'key': key}, SCHEMA, overwrite) as directory:
+    with store.open_directory(path, {**ABOUT, 'key': key}, SCHEMA, overwrite) as directory:
         yield directory
 
 
@@ -151,7 +152,7 @@ def test_a_chunk_that_is_damaged_is_computed_again(tmp_path: Path) -> None:
         changed[place] ^= 1
         path.write_bytes(changed)
         assert made.rows(range(500), lines.append) is None
-        assert lines.pop().startswith(f'{path}: damaged, ')
+        assert lines.pop().startswith(f'{path}: the file is damaged (')
     path.write_bytes(content[:-9])
     assert made.rows(range(500), lines.append) is None
     path.write_bytes(content)
@@ -170,7 +171,7 @@ def test_rows_are_those_of_the_chunk(tmp_path: Path, there: tuple[int, ...]) -> 
         assert made.rows(range(1), print) is None
 
 
-def test_a_pipe_in_the_place_of_a_chunk_is_not_waited_for(tmp_path: Path) -> None:
+def test_a_pipe_instead_of_a_chunk_does_not_block(tmp_path: Path) -> None:
     lines = list[str]()
     with opened(tmp_path) as made:
         made.write(rows(0), made.file(range(1)))
@@ -182,12 +183,12 @@ def test_a_pipe_in_the_place_of_a_chunk_is_not_waited_for(tmp_path: Path) -> Non
         assert made.rows(range(1), print) is not None
 
 
-def test_a_map_goes_on_and_another_is_refused(tmp_path: Path) -> None:
+def test_the_same_map_continues_and_another_is_refused(tmp_path: Path) -> None:
     with opened(tmp_path) as made:
         made.write(rows(0), made.file(range(1)))
     with opened(tmp_path) as made:
         assert made.rows(range(1), print) is not None
-    with (pytest.raises(CtcError, match=r'of another spec or version.* --overwrite'),
+    with (pytest.raises(CtcError, match=r'for another spec or version.* --overwrite'),
           opened(tmp_path, 'two')):
         pass
 
@@ -196,7 +197,7 @@ def key(path: Path) -> str:
     return str(json.loads((path / 'map.json').read_text())['key'])
 
 
-def test_another_map_takes_the_place_of_one_when_it_is_complete(tmp_path: Path) -> None:
+def test_another_map_replaces_the_first_when_it_is_complete(tmp_path: Path) -> None:
     """Stop it in the middle: the old one is there, and the new one goes on where it was."""
     path = tmp_path / 'map'
     with opened(path) as made:
@@ -218,7 +219,7 @@ def test_another_map_takes_the_place_of_one_when_it_is_complete(tmp_path: Path) 
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_third_map_does_not_go_on_with_the_second(tmp_path: Path) -> None:
+def test_a_third_map_does_not_continue_the_second(tmp_path: Path) -> None:
     path = tmp_path / 'map'
     with opened(path) as made:
         made.write(rows(0), made.file(range(1)))

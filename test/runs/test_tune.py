@@ -28,29 +28,27 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.output_folder import LIST
 from ctc_chattering.runs import tune_page as report
-from ctc_chattering.runs.points import row_of, Runs
 from ctc_chattering.runs.pool import processes
-from ctc_chattering.runs.recommended import recommended_setup
-from ctc_chattering.runs.score import of_results, Score
+from ctc_chattering.runs.recommended import LawSettings, recommended_setup
+from ctc_chattering.runs.run_lists import MapRuns, result_row
+from ctc_chattering.runs.score import result_columns, Score
 from ctc_chattering.runs.spec import Failure
 from ctc_chattering.runs.tune import (
     Candidate,
-    front,
-    Numbers,
-    over_draws,
-    OverDraws,
-    percentile_of,
-    recommended_of,
-    search,
-    searched,
+    GainsScore,
+    pareto_front,
+    run_trials,
+    score_gains,
+    search_gains,
+    select_recommended,
     Trial,
     Tuning,
 )
 from ctc_chattering.runs.tune_page import (
-    front_figure,
+    draw_front,
     write_tuning,
 )
-from ctc_chattering.runs.tune_spec import Limits, Range
+from ctc_chattering.runs.tune_spec import Limits, Numbers, Range
 from figure_layout import overlaps
 from map_specs import evaluate
 import optuna
@@ -65,12 +63,12 @@ def tuning() -> Tuning:
     return short_tuning()
 
 
-def over(runs: list[Score], limits: Limits, percentile: float) -> OverDraws:
+def over(runs: list[Score], limits: Limits, percentile: float) -> GainsScore:
     """Return what made-up runs come to, from their rows."""
     n = len(limits.torque)
-    columns = pyarrow.schema([(name, kind) for name, (kind, _) in of_results(n).items()])
-    table = pyarrow.Table.from_pylist([row_of(x, n, Failure()) for x in runs], columns)
-    return over_draws(table.to_pandas(), limits, percentile)
+    columns = pyarrow.schema([(name, kind) for name, (kind, _) in result_columns(n).items()])
+    table = pyarrow.Table.from_pylist([result_row(x, n, Failure()) for x in runs], columns)
+    return score_gains(table.to_pandas(), limits, percentile)
 
 
 def trial(*torques: float, rate: float = 0.0, diverged: int = 0) -> Trial:
@@ -83,22 +81,22 @@ def test_trials_are_counted_under_each_limit_that_they_violate() -> None:
     for mine, text in ((trials, 'diverged: 1, torque: 2, torque rate: 1'),
                        (trials[:1], 'none')):
         found = dataclasses.replace(short_tuning(), trials=tuple(mine))
-        assert dict(report.facts(found))['trials that violate'] == text
-    assert report.violated(trials[1].score) == 'torque +100.0%'
-    assert report.violated(trials[0].score) == ''
+        assert dict(report.fact_rows(found))['trials that violate'] == text
+    assert report.violation_text(trials[1].score) == 'torque +100.0%'
+    assert report.violation_text(trials[0].score) == ''
 
 
 def test_the_closest_trial_is_that_with_the_least_excess() -> None:
     trials = [trial(20.0), trial(13.0), trial(1.0, rate=150.0)]
-    assert report.closest(trials) == (
+    assert report.closest_trial_text(trials) == (
         'trial 1 comes closest: torque +30.0%')
-    assert report.closest([trials[2], trial(1.0, 1.0, 1.0, diverged=1)]) == (
+    assert report.closest_trial_text([trials[2], trial(1.0, 1.0, 1.0, diverged=1)]) == (
         'trial 1 comes closest: diverged +25.0%')
 
 
 def test_the_table_has_the_gains_of_all_candidates() -> None:
     tuning = short_tuning()
-    head, *rows = report.table_of(tuning)
+    head, *rows = report.candidate_table(tuning)
     assert {len(row) for row in rows} == {len(head)}
     assert head[:6] == ['gains', 'kp', 'kv', 'lambda', 'ka', 'observer_bandwidth']
     assert [row[0] for row in rows] == [
@@ -121,7 +119,7 @@ def test_a_search_without_a_point_says_so_and_has_no_parameter_file(tmp_path: Pa
     (note,) = report.notes(tuning)
     assert note.startswith('no trial keeps the limits; trial ')
     assert ' comes closest: torque +' in note
-    assert note in report.text(tuning)
+    assert note in report.report_text(tuning)
 
 
 @pytest.fixture(scope='module')
@@ -189,15 +187,16 @@ def test_nothing_is_over_a_legend_or_a_label() -> None:
     """Check names of gains that are long, and no front."""
     tuning = short_tuning()
     long = dataclasses.replace(tuning, others=tuple(
-        x._replace(name=f'{x.name}, with settings of its own') for x in tuning.others))
-    assert not overlaps(front_figure(long))
-    assert not overlaps(front_figure(short_tuning(torque_limit=1.0)))
+        x._replace(law=dataclasses.replace(x.law, name=f'{x.name}, with settings of its own'))
+        for x in tuning.others))
+    assert not overlaps(draw_front(long))
+    assert not overlaps(draw_front(short_tuning(torque_limit=1.0)))
 
 
 @pytest.mark.slow
 def test_the_result_does_not_depend_on_the_number_of_processes(tuning: Tuning) -> None:
     with processes(2) as each:
-        again = searched(tuning.spec, 12, 100.0, 1, each)
+        again = search_gains(tuning.spec, 12, 100.0, 1, each)
     assert (again.trials, again.points, again.others, again.best) == (
         tuning.trials, tuning.points, tuning.others, tuning.best)
     assert again.table.equals(tuning.table)
@@ -216,22 +215,22 @@ def test_the_points_are_validated_on_all_fresh_draws(tuning: Tuning) -> None:
     assert errors == sorted(errors, reverse=True)
 
 
-def test_others_are_the_file_and_the_recommended_settings(tuning: Tuning) -> None:
+def test_references_are_the_file_and_recommended_settings(tuning: Tuning) -> None:
     found = tuning.spec.references
-    assert [x.name for x in tuning.others] == list(found) == [
+    assert [x.name for x in tuning.others] == [x.name for x in found] == [
         'file chattering sign', 'recommended chattering implicit_observer',
         'recommended observer_feedback']
-    for name, file in zip(found, (tuning.spec.file, *(
+    for law, file in zip(found, (tuning.spec.file, *(
             recommended_setup(tuning.spec.file, law)
             for law in ('chattering', 'observer_feedback')))):
-        assert tuning.spec.setup.controller.changed(found[name]) == file.controller
-        assert 'inertia_scale' not in found[name]  # A draw may have it.
+        assert tuning.spec.setup.controller.changed(law.values) == file.controller
+        assert 'inertia_scale' not in law.values  # A draw may have it.
 
 
 def test_all_laws_that_run_are_compiled_first() -> None:
     """Check the law that is tuned, and those that it is compared with."""
     spec = short_spec()
-    runs = Runs(spec.under({'tuned': {}, **spec.references}))
+    runs = MapRuns(dataclasses.replace(spec, variants=(*spec.variants, *spec.references)))
     assert [(x.controller.law, x.controller.switching_in_force)
             for x in runs.examples()] == [
         ('chattering', 'implicit_observer'), ('chattering', 'sign'),
@@ -240,16 +239,16 @@ def test_all_laws_that_run_are_compiled_first() -> None:
 
 def candidate(error: float, variation: float, torque: float) -> Candidate:
     found = over([run(error, variation, (torque,), (0.0,))], Limits((1.0,), (inf,)), 100.0)
-    return Candidate('', {}, found, found)
+    return Candidate(LawSettings('integral'), found, found)
 
 
-def test_the_recommended_of_keeps_the_limits_on_fresh_draws() -> None:
+def test_the_recommended_point_keeps_the_limits_on_fresh_draws() -> None:
     """Check the products 6, 4 and 5, of which the second is beyond a limit."""
     points = [candidate(3.0, 2.0, 0.5), candidate(2.0, 2.0, 1.5), candidate(1.0, 5.0, 0.5)]
-    assert recommended_of(points) is points[2]
-    assert recommended_of(points[:2]) is points[0]
-    assert recommended_of([points[1]]) is points[1]
-    assert recommended_of([]) is None
+    assert select_recommended(points) is points[2]
+    assert select_recommended(points[:2]) is points[0]
+    assert select_recommended([points[1]]) is points[1]
+    assert select_recommended([]) is None
 
 
 FREE = Limits((inf, inf), (inf, inf))
@@ -265,20 +264,20 @@ def run(error: float = 1.0, variation: float = 1.0, torque: tuple[float, ...] = 
 GONE = Score(failure='diverged at t = 1 s')
 
 
-def point(error: float, variation: float, allowed: bool = True) -> OverDraws:
+def point(error: float, variation: float, allowed: bool = True) -> GainsScore:
     torque = 1.0 if allowed else 9.0
     return over([run(error, variation, (torque, torque))], Limits((5.0, 5.0), (inf, inf)), 100.0)
 
 
 @pytest.mark.parametrize('n', [1, 3, 20, 32])
-def test_a_percentile_is_the_least_value_that_so_many_do_not_exceed(n: int) -> None:
-    values = random.Random(n).sample(range(100), n)
+def test_a_percentile_is_the_least_error_that_so_many_runs_do_not_exceed(n: int) -> None:
+    errors = random.Random(n).sample(range(100), n)
     for percentile in (1.0, 50.0, 90.0, 95.0, 96.875, 100.0):
-        enough = [x for x in values if sum(y <= x for y in values) >= percentile / 100.0 * n]
-        assert percentile_of(values, percentile) == min(enough)
+        enough = [x for x in errors if sum(y <= x for y in errors) >= percentile / 100.0 * n]
+        assert over([run(float(x)) for x in errors], FREE, percentile).error == min(enough)
 
 
-def test_a_score_has_the_worst_of_what_is_limited_and_the_percentile_of_the_rest() -> None:
+def test_a_score_has_largest_torques_and_percentiles_of_error_and_variation() -> None:
     runs = [run(1.0, 40.0), run(2.0, 30.0, (7.0, 1.0)), run(3.0, 20.0, (1.0, 1.0), (8.0, 2.0)),
             run(4.0, 10.0)]
     found = over(runs, Limits((10.0, 2.0), (4.0, 100.0)), 75.0)
@@ -302,9 +301,9 @@ def test_runs_that_diverge_count_as_infinite_and_violate() -> None:
 
 def test_a_draw_that_is_not_allowed_ends_the_search() -> None:
     reason = 'plant: viscous_friction: not allowed'
-    rows = [row_of(x, 1, Failure(), 'refused') for x in (run(), Score(failure=reason))]
+    rows = [result_row(x, 1, Failure(), 'refused') for x in (run(), Score(failure=reason))]
     with pytest.raises(CtcError, match=reason):
-        over_draws(pandas.DataFrame(rows), Limits((1.0,), (1.0,)), 95.0)
+        score_gains(pandas.DataFrame(rows), Limits((1.0,), (1.0,)), 95.0)
 
 
 def test_the_rounding_of_a_rate_is_no_violation() -> None:
@@ -315,7 +314,7 @@ def test_the_rounding_of_a_rate_is_no_violation() -> None:
 
 
 @pytest.mark.parametrize('seed', range(5))
-def test_the_front_is_what_no_other_beats(seed: int) -> None:
+def test_the_front_has_the_scores_that_no_other_beats(seed: int) -> None:
     """Compare with all pairs; values coincide now and then."""
     draw = random.Random(seed)
     scores = [point(draw.randint(1, 8), draw.randint(1, 8), draw.random() < 0.8)
@@ -323,7 +322,7 @@ def test_the_front_is_what_no_other_beats(seed: int) -> None:
     places = {(x.variation, x.error) for x in scores if x.allowed}
     best = sorted(x for x in places if not any(
         y != x and y[0] <= x[0] and y[1] <= x[1] for y in places))
-    found = front(scores)
+    found = pareto_front(scores)
     assert [(scores[k].variation, scores[k].error) for k in found] == best
     assert all(scores[k].allowed for k in found)
 
@@ -340,12 +339,12 @@ class Robot:
         self.asked: list[dict[str, float]] = []
         self.groups: list[int] = []
 
-    def __call__(self, batch: list[Numbers]) -> list[tuple[tuple[float, ...], Numbers]]:
+    def __call__(self, batch: list[Numbers]) -> list[GainsScore]:
         self.asked += batch
         self.groups.append(len(batch))
-        return [(x.objectives, x.excess) for x in map(self.score, batch)]
+        return list(map(self.score, batch))
 
-    def score(self, numbers: dict[str, float]) -> OverDraws:
+    def score(self, numbers: dict[str, float]) -> GainsScore:
         off = log(numbers['y'] / 0.1) ** 2
         x = numbers['x'] / 10.0
         found = run(x + off, 1.0 / x + off, (x, x))
@@ -353,11 +352,10 @@ class Robot:
 
 
 def found_by(robot: Robot, trials: int = 60, seed: int = 0) -> list[Trial]:
-    found = search(robot, RANGES, [{'x': 1.0, 'y': 1.0}], trials, seed)
-    return [Trial(x, robot.score(x)) for x in found]
+    return run_trials(robot, RANGES, [{'x': 1.0, 'y': 1.0}], trials, seed)
 
 
-def test_the_same_seed_gives_the_same_trials_whatever_computes_them() -> None:
+def test_the_same_seed_gives_the_same_trials() -> None:
     first, again, other = Robot(), Robot(), Robot()
     trials = found_by(first, 25, 3)
     assert found_by(again, 25, 3) == trials
@@ -369,15 +367,15 @@ def test_the_same_seed_gives_the_same_trials_whatever_computes_them() -> None:
     assert all(r.low <= x[name] <= r.high for x in first.asked for name, r in RANGES.items())
 
 
-def test_numbers_that_are_given_stay(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_number_with_an_empty_range_stays(capsys: pytest.CaptureFixture[str]) -> None:
     ranges = {**RANGES, 'y': Range(0.2, 0.2)}
-    found = search(Robot(), ranges, [], 12, 0)
-    assert {x['y'] for x in found} == {0.2}
-    assert len({x['x'] for x in found}) == 12
+    numbers = [trial.numbers for trial in run_trials(Robot(), ranges, [], 12, 0)]
+    assert {x['y'] for x in numbers} == {0.2}
+    assert len({x['x'] for x in numbers}) == 12
     assert capsys.readouterr() == ('', '')
 
 
-def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_or_old_optuna_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as context:
         context.setattr(optuna, '__version__', '4.9.0')
         with pytest.raises(UsageError, match=r"Optuna 5 is needed, .* pip install 'optuna>=5'"):
@@ -387,6 +385,6 @@ def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
         found_by(Robot())
 
 
-def test_ties_go_to_the_first() -> None:
+def test_the_first_of_equal_scores_is_on_the_front() -> None:
     scores = [point(e, v) for e, v in product((1.0, 2.0), (1.0, 2.0))] * 2
-    assert front(scores) == [0]
+    assert pareto_front(scores) == [0]

@@ -28,17 +28,17 @@ from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.control.laws.registry import LAWS
 from ctc_chattering.errors import CtcError
-from ctc_chattering.runs.compare import variants
-from ctc_chattering.runs.points import Runs
-from ctc_chattering.runs.recommended import FILE, gains_by_rule, Variant
+from ctc_chattering.runs.compare import ComparisonSpec
+from ctc_chattering.runs.recommended import gains_by_rule, LawSettings
+from ctc_chattering.runs.run_lists import MapRuns
 from ctc_chattering.runs.tune_spec import (
     DRAWS,
+    first_numbers,
     gains,
     identified_spec,
     parse_tune,
     SPACE,
     space,
-    starts,
     TuneSpec,
 )
 from identified_bags import recorded_bag, short
@@ -55,7 +55,7 @@ def spec(tree: dict[str, Any] | None = None, **tune: Any) -> TuneSpec:
                       Path('spec.yaml'))
 
 
-def setups_of(draws: Runs) -> list[Setup]:
+def setups_of(draws: MapRuns) -> list[Setup]:
     return list(map(draws.setup, range(len(draws))))
 
 
@@ -68,12 +68,12 @@ def test_by_default_the_recommended_law_is_tuned_for_friction_model_lag_and_nois
     assert {x.name: (x.factor, x.numbers) for x in found.uncertain} == {
         'model': (False, (0.9, 1.1)), 'friction': (True, (0.8, 1.2)),
         'lag': (False, (0.0, 2e-3)), 'noise': (False, (1e-4, 2e-3))}
-    assert len(setups_of(Runs(found))) == DRAWS
+    assert len(setups_of(MapRuns(found))) == DRAWS
     assert found.window == (2.0, 4.0)
     assert (found.file.controller.law, found.file.controller.switching) == ('chattering', 'sign')
 
 
-def test_what_the_file_has_is_uncertain_by_a_factor() -> None:
+def test_known_lag_and_noise_are_uncertain_by_a_factor() -> None:
     """Check lag and noise that are known, and a robot without friction."""
     plant = {'actuator_lag': [0.01, 0.02], 'coulomb_friction': [0.0, 0.0]}
     found = {x.name: x for x in spec({'overrides': {'plant': plant}}).uncertain}
@@ -85,16 +85,16 @@ def test_what_the_file_has_is_uncertain_by_a_factor() -> None:
 def test_every_run_starts_smoothly_and_has_no_events() -> None:
     found = parse_tune({'params_file': 'switch'}, Path('spec.yaml'))
     assert parameter_file.load(config_directory() / 'switch.yaml').events
-    for setup in (found.file, found.setup, *setups_of(Runs(found))):
+    for setup in (found.file, found.setup, *setups_of(MapRuns(found))):
         assert setup.events == ()
         assert setup.reference.start_duration == 2.0
     slow = spec({'overrides': {'reference': {'start_duration': 3.0}}})
     assert slow.setup.reference.start_duration == 3.0
 
 
-def test_draws_are_robots_with_seeds_of_their_own_and_fresh_ones_are_others() -> None:
+def test_fresh_draws_differ_from_those_of_the_search() -> None:
     found = spec({'uncertain': LOAD, 'repeats': 4, 'seed': 7})
-    drawn, fresh = Runs(found), Runs(found.fresh())
+    drawn, fresh = MapRuns(found), MapRuns(found.fresh())
     assert len(setups_of(drawn)) == 4
     assert len(setups_of(fresh)) == 16
     for draws in (drawn, fresh):
@@ -105,10 +105,10 @@ def test_draws_are_robots_with_seeds_of_their_own_and_fresh_ones_are_others() ->
     seeds = [{x.plant.noise_seed for x in setups_of(draws)} for draws in (drawn, fresh)]
     assert not seeds[0] & seeds[1]
     assert not {*drawn.draws.ravel()} & {*fresh.draws.ravel()}
-    assert setups_of(Runs(found)) == setups_of(drawn)
+    assert setups_of(MapRuns(found)) == setups_of(drawn)
 
 
-def test_limits_are_the_least_of_what_is_known() -> None:
+def test_limits_are_the_least_of_the_known_ones() -> None:
     assert spec().limits == ((5100.0, 850.0), (inf, inf))
     known = {'overrides': {
         'controller': {'effort_limit': [400.0, 900.0], 'effort_rate_limit': [1e4, 1e5]},
@@ -143,29 +143,29 @@ def test_ranges_are_those_of_the_law_or_of_the_spec() -> None:
     ({'uncertain': {'noise': {'parameter': 'plant.velocity_noise', 'uniform': [-1, 2]}}}, {},
      'noise = -1: '),
     ({'params_file': 'nothing'}, {}, 'nothing: no such file')])
-def test_what_is_wrong_is_one_line(tree: dict[str, Any], tune: dict[str, Any], words: str
-                                   ) -> None:
+def test_an_error_in_a_spec_is_one_line(
+        tree: dict[str, Any], tune: dict[str, Any], words: str) -> None:
     with pytest.raises(CtcError, match=words) as caught:
         spec(tree, **tune)
     assert '\n' not in str(caught.value)
 
 
 FRICTION = (9.9, 4.0)
-TUNED = [x for x in variants() if x.settings == FILE]
+TUNED = [x for x in ComparisonSpec(['friction']).law_settings if not x.is_recommended]
 
 
-def config_of(variant: Variant) -> ControllerConfig:
-    return ControllerConfig(**variant.values, observer_bandwidth=1200.0, ka=(12.0, 3.0),
+def config_of(variant: LawSettings) -> ControllerConfig:
+    return ControllerConfig(**variant.parameters, observer_bandwidth=1200.0, ka=(12.0, 3.0),
                             kp=(225.0, 225.0), kv=(40.0, 40.0), friction_lead=0.01)
 
 
 @pytest.mark.parametrize('variant', TUNED, ids=lambda x: x.switching or x.law)
 def test_the_first_trial_has_the_gains_of_the_file_the_second_those_that_are_recommended(
-        variant: Variant) -> None:
+        variant: LawSettings) -> None:
     config = config_of(variant)
     known = {'kp': [1e4, 1e4], 'kv': [200.0, 200.0], 'ka': [24.0, 6.0],
              'estimator_bandwidth': 90.0}
-    file, better = starts(config, FRICTION, known, space(config))
+    file, better = first_numbers(config, FRICTION, known, space(config))
     first = config.changed(gains(file, config, FRICTION))
     expected = config
     for name, value in first.as_mapping().items():
@@ -187,8 +187,8 @@ def test_the_first_trial_has_the_gains_of_the_file_the_second_those_that_are_rec
 
 
 @pytest.mark.parametrize('variant', TUNED, ids=lambda x: x.switching or x.law)
-def test_all_that_may_be_tried_is_allowed_and_every_gain_of_the_law_is_searched(
-        variant: Variant) -> None:
+def test_all_ends_of_ranges_are_allowed_and_every_gain_is_searched(
+        variant: LawSettings) -> None:
     config = config_of(variant)
     for end in (0, 1):
         config.changed(gains({name: r[:2][end] for name, r in space(config).items()}, config,
@@ -290,7 +290,7 @@ def test_friction_is_drawn_within_its_widest_interval(tmp_path: Path) -> None:
     found = identified_spec(written(tmp_path, contents()), {'repeats': 64})
     assert ranges(found) == {'coulomb': (0.75, 1.25), 'viscous': (0.95, 1.05),
                              'lag': (1e-3, 6e-3), 'model': (0.95, 1.05)}
-    setups = setups_of(Runs(found))
+    setups = setups_of(MapRuns(found))
     for k, (low, high) in enumerate(((7.5, 12.5), (3.0, 5.0))):
         drawn = [x.plant.coulomb_friction[k] for x in setups]
         assert low <= min(drawn) < low + 0.05 * low
@@ -306,14 +306,14 @@ def test_every_delay_that_is_possible_is_drawn_and_all_lags_with_any_of_them(
         possible(delay, *lags) for delay, lags in pairs.items()])), {'repeats': 64})
     assert ranges(spec)['delay'] == (0.0, 1.0, 2.0)
     assert ranges(spec)['lag'] == (0.0, 7e-3)
-    plants = [x.plant for x in setups_of(Runs(spec))]
+    plants = [x.plant for x in setups_of(MapRuns(spec))]
     for delay in pairs:
         assert sum(x.input_delay == delay for x in plants) > 15
     drawn = [x.actuator_lag[0] for x in plants]
     assert min(drawn) < 5e-4 and max(drawn) > 6.5e-3
 
 
-def test_bodies_that_are_known_badly_widen_the_model(tmp_path: Path) -> None:
+def test_uncertain_bodies_widen_the_model_scale(tmp_path: Path) -> None:
     spec = identified_spec(written(tmp_path, contents(bodies_uncertainty=0.12)), {})
     assert ranges(spec)['model'] == (0.88, 1.12)
 
@@ -332,7 +332,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         identified_spec(tmp_path, {})
 
 
-def test_what_identify_writes_is_read(tmp_path: Path) -> None:
+def test_the_output_of_identify_is_read(tmp_path: Path) -> None:
     made = short(duration=3.0)
     bag = recorded_bag(tmp_path / 'bag', made)
     out = tmp_path / 'identified'
@@ -348,7 +348,7 @@ def test_what_identify_writes_is_read(tmp_path: Path) -> None:
     for k, friction in enumerate(found['friction']):
         low, high = friction['coulomb']['interval_95']
         middle = friction['coulomb']['value']
-        drawn = [x.plant.coulomb_friction[k] for x in setups_of(Runs(spec))]
+        drawn = [x.plant.coulomb_friction[k] for x in setups_of(MapRuns(spec))]
         assert min(drawn) > middle - 5.0 * (high - low)
         assert max(drawn) < middle + 5.0 * (high - low)
         assert len(set(drawn)) == 8

@@ -31,8 +31,10 @@ from distributed import Scheduler, Worker
 from distributed.protocol.serialize import ToPickle
 import pyarrow
 
-#: Variables of the environment: the folder of the marks, and what an attacking scheduler does.
-MARKS, SCHEDULER = 'CTC_TEST_MARKS', 'CTC_TEST_SCHEDULER'
+#: Variable of the environment with the folder of the marks.
+MARKS = 'CTC_TEST_MARKS'
+#: Variable of the environment with the attack of a scheduler.
+SCHEDULER = 'CTC_TEST_SCHEDULER'
 
 
 class Evil:

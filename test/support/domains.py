@@ -24,10 +24,13 @@ import socket
 
 #: Domains whose ports are below those that Linux hands out to clients.
 DOMAINS = range(1, 102)
-#: UDP ports of domain d are those from `_PORTS` + `_EACH` d on. Nodes take the first one, for
-#: multicast, and from the tenth on two for each; who holds the domain takes the second.
-_PORTS, _EACH = 7400, 250
-_OF_NODES, _HELD = (0, 10), 2
+#: UDP ports of domain d are those from `_PORTS` + `_EACH` d on.
+_PORTS = 7400
+_EACH = 250
+#: Nodes take the first port of a domain, for multicast, and two each from the tenth on.
+_OF_NODES = (0, 10)
+#: The holder of a domain takes this one.
+_HELD = 2
 
 
 @contextmanager

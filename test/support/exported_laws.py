@@ -34,7 +34,7 @@ FLAGS = ('-O2', '-std=c11', '-Wall', '-Wextra', '-Wpedantic', '-Werror')
 
 
 class Robot(NamedTuple):
-    """What is exported."""
+    """Arguments of `export`: a law with its gains, and the robot."""
 
     config: ControllerConfig
     model: Model

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What tests that inject faults share: diagnostics, malformed messages, and load."""
+"""Help for tests that inject faults: diagnostics, malformed messages, and load."""
 
 from __future__ import annotations
 
@@ -35,25 +35,27 @@ from ctc_chattering.configuration.topics import (
     REFERENCE,
 )
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from processes import descendants, Probe, wait_for
+from processes import CONFIG, descendants, Probe, wait_for
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
-OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+OK = DiagnosticStatus.OK
+WARN = DiagnosticStatus.WARN
+ERROR = DiagnosticStatus.ERROR
 JOINTS = ('joint1', 'joint2')
 #: Report on a topic with several publishers, between its name and theirs.
 CONTESTED = 'has several publishers; messages from all of them are ignored'
 
 
 class Report(NamedTuple):
-    """What a node last said of itself."""
+    """The last diagnostics of a node."""
 
     level: bytes
     message: str
     values: dict[str, str]
-    #: When, on the node's clock [ns].
+    #: Time on the node's clock [ns].
     stamp: int = 0
 
     def count(self, key: str) -> int:
@@ -198,11 +200,17 @@ def nodes_of(pid: int) -> dict[str, int]:
             if mark in line}
 
 
+def endless(bag: Path) -> tuple[str, ...]:
+    """Return arguments of a bringup that records until it is stopped, 100 samples a second."""
+    return ('--params-file', str(CONFIG / 'friction.yaml'), '--duration', '0',
+            '--record', str(bag), '--ros-args', '-p', 'control_period:=0.01')
+
+
 def running(process: subprocess.Popen[str], bag: Path) -> dict[str, int]:
     """Wait until the nodes of a bringup run, and its recorder has samples; return their pids."""
     wait_for(lambda: len(nodes_of(process.pid)) == 4, 'the nodes')
     # Some samples: the recorder has been heard by all, and hears all.
-    wait_for(lambda: sum(x.stat().st_size for x in bag.glob('*.mcap')) > 50_000, 'samples')
+    wait_for(lambda: sum(x.stat().st_size for x in bag.glob('*.mcap')) > 20_000, 'samples')
     return nodes_of(process.pid)
 
 

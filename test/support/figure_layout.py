@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What overlaps in a figure: its legend, its title, and its panels with all their labels."""
+"""Overlaps in a figure, of its legend, its title, and its panels with all their labels."""
 
 from __future__ import annotations
 

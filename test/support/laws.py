@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the tests of all laws share: states to answer, and runs of the two-link arm."""
+"""Help for the tests of all laws: states to answer, and runs of the two-link arm."""
 
 from __future__ import annotations
 
@@ -33,8 +33,11 @@ Inputs = tuple[list[float], list[float], list[float], list[float], list[float]]
 GAINS: dict[str, Any] = {
     'kp': [90.0, 20.0, 20.0, 130.0], 'kv': [40.0, -8.0, -8.0, 55.0], 'lambda': 7.0, 'b': 1.3,
     'control_period': 0.002}
-KP, KV, LAMBDA, B, H = (
-    np.array(GAINS['kp']).reshape(2, 2), np.array(GAINS['kv']).reshape(2, 2), 7.0, 1.3, 0.002)
+KP = np.array(GAINS['kp']).reshape(2, 2)
+KV = np.array(GAINS['kv']).reshape(2, 2)
+LAMBDA = 7.0
+B = 1.3
+H = 0.002
 
 
 def inputs(rng: np.random.Generator, size: float) -> Inputs:

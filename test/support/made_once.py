@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""What several tests need and takes long to make, for all processes that run tests."""
+"""Files that several tests need, made once for all processes that run tests."""
 
 from __future__ import annotations
 

@@ -22,10 +22,10 @@ from typing import Any
 
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.runs.compare_page import Outcome, outcomes
-from ctc_chattering.runs.points import row_of, Runs
-from ctc_chattering.runs.recommended import Variant
+from ctc_chattering.runs.recommended import LawSettings
+from ctc_chattering.runs.run_lists import MapRuns, result_row
 from ctc_chattering.runs.score import Score, score
-from ctc_chattering.runs.spec import Failure, MapSpec, parse
+from ctc_chattering.runs.spec import Failure, MapSpec, parse_spec
 import pandas  # type: ignore[import-untyped]
 import yaml
 
@@ -47,28 +47,28 @@ SMALL: dict[str, Any] = {
 def spec(**changes: Any) -> MapSpec:
     """Return `SMALL` with other keys; None leaves one out."""
     tree = {key: x for key, x in {**SMALL, **changes}.items() if x is not None}
-    return parse(yaml.safe_load(yaml.safe_dump(tree, sort_keys=False)), Path('small.yaml'))
+    return parse_spec(yaml.safe_load(yaml.safe_dump(tree, sort_keys=False)), Path('small.yaml'))
 
 
-def runs(**changes: Any) -> Runs:
+def runs(**changes: Any) -> MapRuns:
     """Return the runs of `spec`."""
-    return Runs(spec(**changes))
+    return MapRuns(spec(**changes))
 
 
 def evaluate(setup: Setup, window: tuple[float, float], failure: Failure) -> dict[str, Any]:
     """Return the columns of a run's results."""
-    return row_of(score(setup, window), len(setup.controller.joint_names), failure)
+    return result_row(score(setup, window), len(setup.controller.joint_names), failure)
 
 
-def compared(experiment: str, *found: tuple[Variant, float, float, str]) -> list[Outcome]:
+def compared(experiment: str, *results: tuple[LawSettings, float, float, str]) -> list[Outcome]:
     """Return what laws do on two joints: RMS error and torque variation of one, or a failure."""
     return outcomes(pandas.DataFrame([{
         'file': 'friction.yaml', 'experiment': experiment, 'condition': '', 'held_out': 0,
-        **x._asdict(), 'joints': json.dumps((f'1{experiment}', f'2{experiment}')),
-        'controller': '{}', **row_of(Score(failure=failure) if failure else Score(
+        **x.columns, 'joints': json.dumps((f'1{experiment}', f'2{experiment}')),
+        'controller': '{}', **result_row(Score(failure=failure) if failure else Score(
             (rms, 2.0 * rms), (1.0, 1.0), (variation, 50.0), (1.0, 2.0), (1e3, 2e3), (9.0, 3.0),
             (1.0, 1.0), saturated=0.0, slips=(0.0, 0.0)), 2, Failure())}
-        for x, rms, variation, failure in found]))
+        for x, rms, variation, failure in results]))
 
 
 def written(path: Path, **changes: Any) -> Path:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the tests of the scheduler compute: in a module, so that other processes find it."""
+"""Tasks for the tests of the scheduler, in a module so that other processes find them."""
 
 from __future__ import annotations
 

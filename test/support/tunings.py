@@ -20,7 +20,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.runs.tune import searched, Tuning
+from ctc_chattering.runs.tune import search_gains, Tuning
 from ctc_chattering.runs.tune_spec import parse_tune, TuneSpec
 
 #: A spec in a file, and the robot that it names.
@@ -55,4 +55,4 @@ def short_spec(**more: Any) -> TuneSpec:
 def short_tuning(torque_limit: float = 5e3, percentile: float = 100.0) -> Tuning:
     """Return a search of 12 trials."""
     found = short_spec(tune={'torque_limit': torque_limit})
-    return searched(found, 12, percentile, 1)
+    return search_gains(found, 12, percentile, 1)

@@ -78,10 +78,16 @@ def urdf(parts: Iterable[str]) -> str:
     return f'<?xml version="1.0" encoding="utf-8"?><robot name="r">{"".join(parts)}</robot>'
 
 
-#: Lengths [m], masses [kg], centres of mass [m] and inertias [kg·m²] of `two_links`.
 #: Limits of the first joint of `two_links`, which hangs at 0.
 FIRST_LIMITS = 'lower="-2" upper="3" effort="40" velocity="0"'
-L1, M1, R1, I1, M2, R2, I2 = 0.7, 3.0, 0.3, 0.2, 1.5, 0.25, 0.05
+#: Lengths [m], masses [kg], centres of mass [m] and inertias [kg·m²] of `two_links`.
+L1 = 0.7
+M1 = 3.0
+R1 = 0.3
+I1 = 0.2
+M2 = 1.5
+R2 = 0.25
+I2 = 0.05
 
 
 def two_links(kind: str = 'revolute') -> str:

@@ -101,8 +101,8 @@ def test_refusals_name_the_joint_and_by_how_much() -> None:
             ({'lower': -0.5}, {'a': (-0.6, 0.0)}, 'the start is beyond the limits of the '
              'description: a: position -0.6 rad, 0.1 below its lower limit of -0.5'),
             ({'velocity': 3.2}, {'a': (-3.0, 0.0)}, r'start_duration 1 s: the start is beyond .* '
-             r'a: velocity 6\.\d+ rad/s, .* above its upper limit of 3.2; \d+ s would do'),
-            ({'lower': -0.1}, {'a': (0.0, -3.0)}, 'no other would do')):
+             r'a: velocity 6\.\d+ rad/s, .* above its upper limit of 3.2; \d+ s keeps them'),
+            ({'lower': -0.1}, {'a': (0.0, -3.0)}, 'no other duration keeps them')):
         with pytest.raises(CtcError, match=message):
             make_motion(config, None, start, 0, _limits(**limits))  # type: ignore[arg-type]
     route = Route(('a',), (S, 2 * S), (((0.0,), (0.0,), ()), ((2.0,), (0.0,), ())))

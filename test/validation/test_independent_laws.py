@@ -21,9 +21,10 @@ from math import inf
 from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.runs.conditions import Case
 from ctc_chattering.runs.recommended import recommended_setup
 from held_out_study import verdict
-from imperfections import Case
+from imperfections import case_setup
 from independent_laws import Array, Gains, Known, ObserverFeedback, Point, Sliding
 from independent_rivals import RIVALS
 import numpy as np
@@ -155,12 +156,12 @@ def test_the_law_that_docs_paper_tries() -> None:
     (2e-3, 6e-3, 2, 100.0 / 3.0)])
 def test_gains_follow_what_is_slow(h: float, lag: float, delay: int, pole: float) -> None:
     """Check p (T + h (1 + delay)) <= 0.4, and what is made of p."""
-    case = Case('x', 'y', {'/**': {'control_period': h}, 'controller': {'input_delay': delay},
-                           'plant': {'actuator_lag': [lag, lag], 'duration': 1.0}})
-    config = recommended_setup(case.setup(), 'observer_feedback').controller
+    case = Case('x', {'/**': {'control_period': h}, 'controller': {'input_delay': delay},
+                      'plant': {'actuator_lag': [lag, lag], 'duration': 1.0}})
+    config = recommended_setup(case_setup(case), 'observer_feedback').controller
     assert (config.kp[0], config.kv[0]) == pytest.approx((pole ** 2, 2.0 * pole))
     assert config.estimator_bandwidth == pytest.approx(2.0 * pole)
-    setup = recommended_setup(case.setup(), 'integral')
+    setup = recommended_setup(case_setup(case), 'integral')
     p = 0.6 * pole
     assert (setup.controller.kp[0], setup.controller.kv[0], setup.controller.ki[0]
             ) == pytest.approx((3.0 * p ** 2, 3.0 * p, p ** 3))

@@ -42,8 +42,10 @@ from ctc_chattering.trajectory.reference import make_motion
 
 #: Round trips of one measurement of the ping-pong.
 TRIPS = 10_000
-#: Control steps that are timed together, and all of them.
-BATCH, STEPS = 200, 3000
+#: Control steps that are timed together.
+BATCH = 200
+#: All control steps.
+STEPS = 3000
 
 
 def ping_pong_rate(processors: set[int] | None) -> float:

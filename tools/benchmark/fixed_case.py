@@ -34,9 +34,14 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-#: Sample period and step of the integrator [s]; friction of the file [N·m].
-PERIOD, FRICTION = 1e-3, 9.9
-_KP, _KV, _LAMBDA, _GRAVITY = 100.0, 50.0, 10.0, 9.81
+#: Sample period and step of the integrator [s].
+PERIOD = 1e-3
+#: Friction of the file [N·m].
+FRICTION = 9.9
+_KP = 100.0
+_KV = 50.0
+_LAMBDA = 10.0
+_GRAVITY = 9.81
 _DECAY = exp(-_LAMBDA * PERIOD)
 _GAIN = (1.0 - _DECAY) / _LAMBDA
 _OMEGA = 2.0 * pi

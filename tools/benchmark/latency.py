@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-How regular is the loop, and how soon is a state answered: with and without priority.
+Regularity and answer time of the loop, with and without priority.
 
-Beside it, what the machine gives a bare Python program: a timer that sends a UDP packet to another
-process and waits for it to come back. Prints a Markdown table; validation/README.md shows one.
+Beside it is a bare Python program: a timer sends a UDP packet to another process and waits for it
+to come back. `make latency` prints a Markdown table, and validation/README.md shows one.
 """
 
 from __future__ import annotations

@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-What `ctc live` costs the loop: misses and times with the page open in a browser and without.
+Cost of `ctc live` for the loop: misses and times with an open page and without, in turns.
 
-In turns; prints a Markdown table of medians, which validation/README.md shows. The browser has the
-lowest priority: where it draws with the processor, it takes what others leave.
+`make live-cost` prints a Markdown table of medians, which validation/README.md shows. The browser
+has the lowest priority: without a graphics card it draws in the time that others leave.
 """
 
 from __future__ import annotations

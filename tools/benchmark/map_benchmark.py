@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-How much time a compiled run simulates in a second of a processor, beside what else there is.
+Simulated seconds of a compiled run per second of a processor, beside other simulators.
 
 ``make map-benchmark`` prints a Markdown table. JAX and Drake are measured where they are
 installed (``pip install jax drake``). All are run in turns, on one processor, one thread each, so
@@ -40,7 +40,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory
-from ctc_chattering.runs.points import row_of
+from ctc_chattering.runs.run_lists import result_row
 from ctc_chattering.runs.score import score
 from ctc_chattering.runs.spec import Failure
 from ctc_chattering.simulation.closed_loop import Run
@@ -48,12 +48,16 @@ from fixed_case import by_jax, by_numba, Floats, FRICTION, PERIOD
 import numpy as np
 from other_simulators import DrakeLoop, Rollout
 
-#: Length of a run and evaluated interval [s].
-DURATION, WINDOW = 5.0, (2.5, 5.0)
+#: Length of a run [s].
+DURATION = 5.0
+#: Evaluated interval [s].
+WINDOW = (2.5, 5.0)
 #: Computing time of one measurement [s], at least.
 LEAST = 0.3
-#: Runs of the fixed case that are computed by one call.
-BY_NUMBA, BY_JAX = 100, 1000
+#: Runs of the fixed case in one call of numba.
+BY_NUMBA = 100
+#: Runs of the fixed case in one call of JAX.
+BY_JAX = 1000
 #: Length over which the positions of a replayed run are compared [s]: what replays is not stable.
 REPLAYED = 1.0
 COMPILED = 'compiled'
@@ -83,7 +87,7 @@ rounds, smallest and largest in brackets); sample period and Runge-Kutta step of
 
 
 class Contestant(NamedTuple):
-    """What is measured: a function that returns how much was simulated [s], and its check."""
+    """A function that returns how much it simulated [s], and its check."""
 
     simulate: Callable[[], float]
     check: str = ''
@@ -139,7 +143,7 @@ def contestants(case: Case) -> dict[str, Contestant]:
         return float(simulate(setup).run.t[-1])
 
     def row() -> float:
-        row_of(score(setup, WINDOW), len(setup.plant.joint_names), Failure())
+        result_row(score(setup, WINDOW), len(setup.plant.joint_names), Failure())
         return DURATION
 
     found = {COLUMNS[0]: Contestant(partial(by, setup)),

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a soak test measures: recovery, memory, and gaps in bags."""
+"""Measurements of a soak test: recovery, memory, and gaps in bags."""
 
 from __future__ import annotations
 
@@ -34,16 +34,23 @@ from soak.plan import PROCESSES
 
 #: Part of the sample rate that controller and recorder must reach again.
 RATE = 0.9
-#: A process's memory is fitted from so long after its start, and after the last of the long stops,
-#: on [s].
-WARM_UP, SETTLING = 30.0, 5.0
-#: A step between stamps of joint states, or from the last one to the end of the bag, that is a
-#: gap; the time by which an outage may precede or follow its fault [ns].
-GAP, MARGIN = NANOSECONDS // 5, NANOSECONDS // 2
+#: A process's memory is fitted from so long after its start on [s] ...
+WARM_UP = 30.0
+#: ... and from so long after the last of the long stops on [s].
+SETTLING = 5.0
+#: A longer step between stamps of joint states, or from the last one to the end of the bag, is a
+#: gap [ns].
+GAP = NANOSECONDS // 5
+#: Time by which an outage may precede or follow its fault [ns].
+MARGIN = NANOSECONDS // 2
 #: A stamp as far from the time of its recording is not the plant's [ns].
 _FOREIGN = 10 * NANOSECONDS
-#: Sizes in a serialized message: the encapsulation, the stamp; and an empty frame.
-_HEAD, _STAMP, _NO_FRAME = 4, 8, b'\1\0\0\0\0'
+#: Bytes of the encapsulation of a serialized message.
+_HEAD = 4
+#: Bytes of a stamp.
+_STAMP = 8
+#: An empty frame.
+_NO_FRAME = b'\1\0\0\0\0'
 
 
 def unhealthy(reports: Mapping[str, Report], since: int, rate: float) -> str:

@@ -37,11 +37,17 @@ _Card = TypeVar('_Card')
 #: The processes under test.
 PROCESSES = ('recorder', *LOOP)
 
-KILL, STOP = 'SIGKILL', 'SIGSTOP'
-MALFORMED, PLAUSIBLE, ALONE = (
-    'malformed messages', 'second publisher', 'malformed messages, owner stopped')
-VALID, INVALID = 'valid parameters', 'invalid parameters'
-ENABLE, RESET, TRIP = '~/enable', '~/reset', 'error_limit, ~/reset'
+#: Kinds of faults.
+KILL = 'SIGKILL'
+STOP = 'SIGSTOP'
+MALFORMED = 'malformed messages'
+PLAUSIBLE = 'second publisher'
+ALONE = 'malformed messages, owner stopped'
+VALID = 'valid parameters'
+INVALID = 'invalid parameters'
+ENABLE = '~/enable'
+RESET = '~/reset'
+TRIP = 'error_limit, ~/reset'
 #: Waypoints; no node of the graph publishes them.
 WAYPOINTS = f'reference/{JOINT_TRAJECTORY}'
 #: The node that publishes a topic.

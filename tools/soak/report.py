@@ -24,9 +24,12 @@ from ctc_chattering.numerics.time_grid import seconds
 from soak import measurements, run
 from soak.plan import KILL, LONGEST_STOP, STOP
 
-#: Growth that fails the run [kB/min], if it is more than so much in all [kB] and was fitted over
-#: so long [s].
-GROWTH, GROWN, FITTED = 100.0, 1000.0, 30.0
+#: A faster growth fails the run [kB/min] ...
+GROWTH = 100.0
+#: ... if it is more than this in all [kB] ...
+GROWN = 1000.0
+#: ... and was fitted over this time [s].
+FITTED = 30.0
 #: Growth that is explained [kB/min]: the index of a bag has an entry for each flush, until another
 #: file begins after ten minutes.
 EXPLAINED = {'recorder': 280.0}

@@ -46,12 +46,16 @@ OVERRIDES: dict[str, dict[str, Any]] = {
               'torque_saturation': [800.0, 200.0]},
     'controller': {'ka': [12.0, 12.0], 'switching': 'implicit_observer',
                    'effort_limit': [400.0, 100.0]}}
-#: Time in which the graph must start, and recover from a fault [s].
-START, RECOVERY = 30.0, 10.0
+#: Time in which the graph must start [s].
+START = 30.0
+#: Time in which it must recover from a fault [s].
+RECOVERY = 10.0
 #: Messages dropped so long after the recorder was stopped were dropped because of that [s].
 _AFTERMATH = 5.0
-#: Time in which a process that has exited is started again, and in which all end [ns].
-_RESTART, _END = 10 * NANOSECONDS, 60 * NANOSECONDS
+#: Time in which a process that has exited is started again [ns].
+_RESTART = 10 * NANOSECONDS
+#: Time in which all processes end [ns].
+_END = 60 * NANOSECONDS
 #: Length of the middleware's turn in each step [s].
 _STEP = 0.02
 

@@ -1,4 +1,6 @@
-/* The law of ctc_law.h around its object code; its numbers are in ctc_law_data.h. */
+/* Functions of ctc_law.h around the object code of the law.
+ *
+ * The generated numbers are in ctc_law_data.h. */
 #include "ctc_law.h"
 
 #include <fenv.h>
@@ -10,32 +12,34 @@
 #include "ctc_law_data.h"
 
 #if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
-#error "compile without -ffast-math: NaN and infinite states would not be found"
+#error "Compile without -ffast-math. With it NaN and infinite states are not detected."
 #endif
 
-_Static_assert(sizeof(double) == 8 && sizeof(void *) == 8, "a processor of 64 bits");
+_Static_assert(sizeof(double) == 8 && sizeof(void *) == 8, "The processor must have 64 bits.");
 
-/* Has the law follow gains that have changed; NULL if it cannot. */
+/* Compiled function that makes the law follow changed gains. NULL if it cannot. */
 static code *const gains_function = GAINS_FUNCTION;
 
 #define COUNT(x) (sizeof(x) / sizeof *(x))
 
-/* A turn [rad]; turns beyond which an angle has no digits left for its part. */
-static const double turn = 6.283185307179586, most_turns = 4503599627370496.0;
+/* One turn [rad]. */
+static const double turn = 6.283185307179586;
+/* Number of turns above which a double has no digits left for a part of a turn. */
+static const double max_turns = 4503599627370496.0;
 static const int continuous[CTC_JOINTS] = CTC_CONTINUOUS;
 
-/* Rows of ctc_law.last: what was measured and desired a step ago. */
+/* Rows of ctc_law.last: measured and desired motion of the last step. */
 enum { LAST_Q, LAST_DQ, LAST_Q_D, LAST_DQ_D };
 
 static int is_ready(const ctc_law *law) { return law != NULL && law->self == law; }
 
-/* Have a word of the memory hold an address. */
+/* Store an address in a word of the memory. */
 static void point(ctc_law *law, uint32_t at, uintptr_t address) {
   const uint64_t word = address;
   memcpy(law->memory + at, &word, sizeof word);
 }
 
-/* Have the memory be as at the start, from a word on. */
+/* Restore the memory at the start, from word `from` on. */
 static void begin(ctc_law *law, size_t from) {
   memcpy(law->memory + from, content + from, sizeof content - from * sizeof *content);
   for (size_t i = 0; i < COUNT(pointers); i++) {
@@ -45,7 +49,7 @@ static void begin(ctc_law *law, size_t from) {
     point(law, calls[i].at, (uintptr_t)calls[i].function);
   }
   for (int i = 0; i < CTC_JOINTS; i++) {
-    law->least[i] = INFINITY;
+    law->smallest_error[i] = INFINITY;
   }
   law->stopped = CTC_OK;
   law->begun = 0;
@@ -68,14 +72,14 @@ int ctc_reset(ctc_law *law) {
   return CTC_OK;
 }
 
-/* Call compiled code in the floating-point environment for which it is made. */
-static int run(code *function, const ctc_law *law, size_t places) {
+/* Call compiled code in the default floating-point environment. */
+static int run(code *function, const ctc_law *law, size_t addresses) {
   int64_t result;
   void *error;
   fenv_t environment;
   fegetenv(&environment);
   fesetenv(FE_DFL_ENV);
-  int failed = function(&result, &error, (int64_t)(uintptr_t)(law->memory + places));
+  int failed = function(&result, &error, (int64_t)(uintptr_t)(law->memory + addresses));
   fesetenv(&environment);
   return failed;
 }
@@ -87,7 +91,7 @@ int ctc_check_gains(const double *kp, const double *kv, const double *ka) {
   }
   for (int k = 0; k < 3; k++) {
     for (int i = 0; i < CTC_JOINTS; i++) {
-      if (!(gains[k][i] >= bounds[k][0] && gains[k][i] <= bounds[k][1])) { /* So is NaN. */
+      if (!(gains[k][i] >= bounds[k][0] && gains[k][i] <= bounds[k][1])) { /* NaN as well. */
         return CTC_WRONG_GAIN;
       }
     }
@@ -105,11 +109,11 @@ int ctc_set_gains(ctc_law *law, const double *kp, const double *kv, const double
     law->memory[KV + i * (CTC_JOINTS + 1)] = kv[i];
     law->memory[KA + i] = ka[i];
   }
-  run(gains_function, law, GAIN_PLACES);
+  run(gains_function, law, GAIN_ADDRESSES);
   return CTC_OK;
 }
 
-/* Copy rows to every `stride`-th row from `to` on; return whether all numbers are finite. */
+/* Copy rows to every `stride`-th row from `to` on. Return 1 if all numbers are finite. */
 static int take(double *to, int stride, const double *from, int rows) {
   int finite = 1;
   for (int k = 0; k < rows; k++) {
@@ -121,15 +125,17 @@ static int take(double *to, int stride, const double *from, int rows) {
   return finite;
 }
 
-/* Return the representative of an angle modulo 2 pi that is nearest to where one before leads. */
+/* Return an angle plus whole turns, nearest to the angle predicted from the last step. */
 static double following(double angle, double velocity, double before, double velocity_before,
                         double elapsed) {
   const double target = before + 0.5 * elapsed * (velocity_before + velocity);
   const double turns = (target - angle) / turn;
-  return fabs(turns) < most_turns ? angle + turn * rint(turns) : angle;
+  return fabs(turns) < max_turns ? angle + turn * rint(turns) : angle;
 }
 
-/* Have positions of endless joints follow those of the last step, the first one the reference. */
+/* Add whole turns to positions of endless joints, so that they continue the last step.
+ *
+ * The first measured position is the one nearest to the reference. */
 static void unwrap(const ctc_law *law, double elapsed, double *measured, double *points) {
   for (int i = 0; i < CTC_JOINTS; i++) {
     double *q_d = points + i, *q = measured + i;
@@ -143,7 +149,7 @@ static void unwrap(const ctc_law *law, double elapsed, double *measured, double 
     } else {
       *q = following(*q, 0.0, *q_d, 0.0, 0.0);
     }
-    for (int k = 1; k < CTC_POINTS; k++) { /* Of the delay. */
+    for (int k = 1; k < CTC_POINTS; k++) { /* Points during the delay. */
       double *next = q_d + 3 * CTC_JOINTS;
       *next = following(*next, next[CTC_JOINTS], *q_d, q_d[CTC_JOINTS], CTC_PERIOD);
       q_d = next;
@@ -151,7 +157,7 @@ static void unwrap(const ctc_law *law, double elapsed, double *measured, double 
   }
 }
 
-/* Return whether a position is further from that of the last step than its velocities explain. */
+/* Return 1 if a position is further from the last one than its velocities explain. */
 static int jumps(const ctc_law *law, double elapsed, const double *measured) {
   for (int i = 0; i < CTC_JOINTS && law->begun; i++) {
     const double before = law->last[LAST_DQ][i], change = fabs(measured[CTC_JOINTS + i] - before);
@@ -163,7 +169,7 @@ static int jumps(const ctc_law *law, double elapsed, const double *measured) {
   return 0;
 }
 
-/* Take what is measured and desired with the turns that belong to it; return why not. */
+/* Unwrap the measured and desired motion, and return CTC_JUMP for a jump. */
 static int follow(ctc_law *law, double elapsed) {
   double *measured = law->memory + MEASURED, *points = law->memory + REFERENCE;
   fenv_t environment;
@@ -178,12 +184,12 @@ static int follow(ctc_law *law, double elapsed) {
   return jumped ? CTC_JUMP : CTC_OK;
 }
 
-/* Return why the torque that was computed must not be sent; CTC_OK if it may be. */
+/* Return the reason not to send the computed torque, or CTC_OK. */
 static int trip(ctc_law *law) {
-  const double *made = ctc_terms(law), *e = made + CTC_E * CTC_JOINTS;
+  const double *terms = ctc_terms(law), *e = terms + CTC_E * CTC_JOINTS;
   int watched = WATCHED;
-  for (int i = 0; i < 8 * CTC_JOINTS; i++) { /* Also what the limits have made finite. */
-    if (!isfinite(made[i])) {
+  for (int i = 0; i < 8 * CTC_JOINTS; i++) { /* The limits may hide an infinite term. */
+    if (!isfinite(terms[i])) {
       return CTC_OVERFLOW;
     }
   }
@@ -194,13 +200,13 @@ static int trip(ctc_law *law) {
     if (!(fabs(e[i]) <= error_limit[i])) {
       return CTC_ERROR_LIMIT;
     }
-    law->least[i] = fmin(law->least[i], fabs(e[i]));
-    if (watched && fabs(e[i]) - law->least[i] > LARGEST_GROWTH) {
+    law->smallest_error[i] = fmin(law->smallest_error[i], fabs(e[i]));
+    if (watched && fabs(e[i]) - law->smallest_error[i] > MAX_ERROR_GROWTH) {
       return CTC_ERROR_GROWTH;
     }
   }
   if (STRAINED &&
-      (law->memory[STRAINED] >= PATIENCE || law->memory[CYCLING] >= LONGEST_CYCLE)) {
+      (law->memory[STRAINED] >= MAX_STRAINED_S || law->memory[CYCLING] >= MAX_CYCLING_S)) {
     return CTC_OSCILLATION;
   }
   return CTC_OK;
@@ -227,7 +233,7 @@ int ctc_step_after(ctc_law *law, double elapsed, const double *q, const double *
                  take(points + 2 * CTC_JOINTS, 3, ddq_d, CTC_POINTS);
     law->stopped = finite && isfinite(elapsed) ? follow(law, elapsed) : CTC_NOT_FINITE;
     if (law->stopped == CTC_OK) {
-      law->stopped = run(ctc_control, law, PLACES) ? CTC_OVERFLOW : trip(law);
+      law->stopped = run(ctc_control, law, STEP_ADDRESSES) ? CTC_OVERFLOW : trip(law);
     }
   }
   for (int i = 0; i < CTC_JOINTS; i++) {
@@ -236,7 +242,7 @@ int ctc_step_after(ctc_law *law, double elapsed, const double *q, const double *
   return law->stopped;
 }
 
-const double *ctc_terms(const ctc_law *law) { return law->memory + MADE; }
+const double *ctc_terms(const ctc_law *law) { return law->memory + TERMS; }
 
 double ctc_lyapunov(const ctc_law *law) {
   const double *v = ctc_terms(law) + CTC_V * CTC_JOINTS;
@@ -252,10 +258,16 @@ double ctc_lyapunov(const ctc_law *law) {
 
 const char *ctc_message(int error) {
   static const char *const messages[] = {
-      "no error", "the law is not initialized", "a wrong argument",
-      "a state or reference is not finite", "no finite torque", "a position error exceeded error_limit",
-      "a position error has grown too much", "the feedback oscillated",
-      "a gain is not finite or out of range", "the gains of this law are fixed",
-      "a position jumped further than its velocity explains"};
-  return error >= 0 && (size_t)error < COUNT(messages) ? messages[error] : "unknown error";
+      "there is no error",
+      "the law is not initialized; call ctc_init at its present address",
+      "an argument is a null pointer",
+      "a state or reference is not finite",
+      "the law has no finite torque for this state",
+      "a position error exceeded error_limit",
+      "a position error has grown too much; set error_limit to allow more",
+      "the feedback oscillated",
+      "a gain is not finite or out of range",
+      "the gains of this law are fixed; export it again with other gains",
+      "a position jumped further than its velocity explains; check its encoder"};
+  return error >= 0 && (size_t)error < COUNT(messages) ? messages[error] : "the error is unknown";
 }

@@ -1,6 +1,7 @@
-/* Answers states: doubles q, dq, and the desired q_d, dq_d, ddq_d from standard input, a step
- * after the other; the torques go to standard output, also as doubles. After an error the law is
- * reset, and the torque of that step is 0. */
+/* Compute the torques of states from standard input.
+ *
+ * Each step reads the doubles q, dq, q_d, dq_d and ddq_d, and writes tau to standard output. After
+ * an error the law is reset, and the torque of that step is 0. */
 #include <stdio.h>
 
 #include "ctc_law.h"

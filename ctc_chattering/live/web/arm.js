@@ -2,38 +2,28 @@
 //
 //   const draw = ctcArm(canvas, data, value);
 //
-// data = {reach, floor, begin, end, runs: [{place, bodies}, ...]} as export.py writes
-// it; value(r, signal, joint, t) is a signal of run r at a time; draw(t) draws a time [s].
+// data = {reach, floor, begin, end, runs: [{place, bodies}, ...]} comes from bag_page.py.
+// value(r, signal, joint, t) is a signal of run r at a time. draw(t) draws a time [s].
 'use strict';
 const ctcArm = (canvas, data, value) => {
-  // --- kinematics: matrices of 16 numbers, row by row
-  function times(a, b) {
-    const c = new Array(16).fill(0);
-    for (let i = 0; i < 4; i++)
-      for (let j = 0; j < 4; j++)
-        for (let k = 0; k < 4; k++) c[4 * i + j] += a[4 * i + k] * b[4 * k + j];
-    return c;
-  }
-  function motion(kind, [x, y, z], q) {
-    if (kind === 'prismatic') return [1, 0, 0, x * q, 0, 1, 0, y * q, 0, 0, 1, z * q, 0, 0, 0, 1];
-    const c = Math.cos(q), s = Math.sin(q), d = 1 - c;
-    return [c + x * x * d, x * y * d - z * s, x * z * d + y * s, 0,
-            y * x * d + z * s, c + y * y * d, y * z * d - x * s, 0,
-            z * x * d - y * s, z * y * d + x * s, c + z * z * d, 0, 0, 0, 0, 1];
+  // --- kinematics, by (FK1) of kinematics.py
+  function pose({ origin, kind, axis: [x, y, z] }, q) {
+    const matrix = new DOMMatrix(origin);
+    return kind === 'prismatic' ? matrix.translate(q * x, q * y, q * z)
+      : matrix.rotateAxisAngle(x, y, z, q * 180 / Math.PI);
   }
   function capsules(r, signal, t) {
     const run = data.runs[r], poses = [], found = [];
     for (const body of run.bodies) {
-      let pose = body.origin;
-      if (body.joint >= 0)
-        pose = times(pose, motion(body.kind, body.axis, value(r, signal, body.joint, t)));
-      if (body.parent >= 0) pose = times(poses[body.parent], pose);
-      poses.push(pose);
-      for (const [ax, ay, az, bx, by, bz, radius] of body.capsules) {
-        const at = (x, y, z) => [0, 1, 2].map(i => pose[4 * i] * x + pose[4 * i + 1] * y
-          + pose[4 * i + 2] * z + pose[4 * i + 3] + run.place[i]);
-        found.push([at(ax, ay, az), at(bx, by, bz), radius]);
-      }
+      let inRoot = pose(body, body.joint < 0 ? 0 : value(r, signal, body.joint, t));
+      if (body.parent >= 0) inRoot = poses[body.parent].multiply(inRoot);
+      poses.push(inRoot);
+      const placed = (...point) => {
+        const { x, y, z } = inRoot.transformPoint(new DOMPoint(...point));
+        return [x + run.place[0], y + run.place[1], z + run.place[2]];
+      };
+      for (const [x, y, z, radius] of body.capsules)
+        found.push([placed(0, 0, 0), placed(x, y, z), radius]);
     }
     return found;
   }
@@ -43,13 +33,13 @@ const ctcArm = (canvas, data, value) => {
     target: [0, 0, 0] };
   let now = data.begin;
   const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-  // Right, up and towards the eye.
+  // Right, up and backward, as page.py has them.
   function axes() {
     const [ca, sa] = [Math.cos(view.azimuth), Math.sin(view.azimuth)];
     const [ce, se] = [Math.cos(view.elevation), Math.sin(view.elevation)];
     return [[-sa, ca, 0], [-ca * se, -sa * se, ce], [ca * ce, sa * ce, se]];
   }
-  // Show the whole motion: a point is seen if |x - middle| <= size * (distance - depth).
+  // Show the whole motion, by (CM1) of page.py.
   function fit() {
     const { clientWidth: width, clientHeight: height } = canvas, at = axes(), points = [];
     const size = [width, height].map(x => 0.41 * x / Math.min(width, height));

@@ -1,209 +1,166 @@
-// The controls of a running graph: law, gains, torques, recording, plant. See controls.py.
+// Controls of a running graph. controls.html has their elements, controls.py their state.
 //
-//   const update = ctcControls(parent, send);   // send(words) asks for something
-//   update(state);                              // what `Controls.state` returns
+//   const update = ctcControls(parent, send);   // send(requests), by subject
+//   update(state);                              // state of `Controls.state`
 'use strict';
 const ctcControls = (parent, send) => {
-  const element = (tag, into, name = '', text = '') => {
-    const made = document.createElement(tag);
-    made.className = name;
-    made.textContent = text;
-    into.append(made);
-    return made;
-  };
-  const bar = (into, name) => {
-    const made = element('div', into, 'ctc-bar');
-    element('span', made, '', name);
-    return made;
-  };
-  const button = (into, text, clicked) => {
-    const made = element('button', into, '', text);
-    made.type = 'button';
-    made.onclick = clicked;
-    return made;
-  };
-  const folded = title => {
-    const details = element('details', parent);
-    element('summary', details, '', title);
-    return details;
-  };
+  const $ = selector => parent.querySelector(selector);
   const digits = x => String(Number(x.toPrecision(4)));
+  const wordsIn = text => text.match(/[^\s,[\]]+/g) ?? [];
+  const numbersIn = text => wordsIn(text).map(Number);
   let state = null;
 
-  // --- fields: what they cannot be is marked at once, with the reason below
-  function field(into, label, reason) {
-    const row = element('label', into), title = element('span', row, '', label);
-    const input = element('input', row);
-    const why = element('span', row, 'ctc-wrong');
+  // --- fields of numbers: a wrong one is marked at once, with the reason below it
+  function makeField(into, label, reasonFor) {
+    const row = $('template').content.firstElementChild.cloneNode(true);
+    const [title, input, wrong] = row.children;
+    into.append(row);
+    title.textContent = label;
     input.setAttribute('aria-label', label);
-    const wrong = () => {
-      const text = reason(input.value.trim());
-      input.setAttribute('aria-invalid', String(Boolean(text)));
-      why.textContent = text;
-      return text;
+    const check = () => {
+      wrong.textContent = reasonFor(input.value);
+      input.setAttribute('aria-invalid', String(Boolean(wrong.textContent)));
+      return !wrong.textContent;
     };
-    input.addEventListener('input', wrong);
-    return { row, title, input, wrong };
+    input.addEventListener('input', check);
+    return { row, title, input, check };
   }
-  const wordsOf = text => text.replace(/[[\],]/g, ' ').split(/\s+/).filter(Boolean);
-  function numbersReason(text, count, least = -Infinity, most = Infinity) {
-    const words = wordsOf(text), values = words.map(Number);
+  function reasonAgainst(text, count, low = -Infinity, high = Infinity) {
+    const words = wordsIn(text);
     if (![1, count].includes(words.length))
-      return count > 1 ? `one number, or ${count}` : 'one number';
-    const odd = values.findIndex(x => !Number.isFinite(x));
-    if (odd >= 0) return `${words[odd]} is no number`;
-    if (values.some(x => x < least || x > most)) return `allowed: ${least} to ${most}`;
-    return '';
+      return count > 1 ? `Enter one number, or ${count} numbers.` : 'Enter one number.';
+    const odd = words.find(word => !Number.isFinite(Number(word)));
+    if (odd) return `${odd} is not a number.`;
+    return words.some(x => x < low || x > high) ? `The range is ${low} to ${high}.` : '';
   }
 
-  // --- law, switching: the one in force is pressed
-  function choice(name) {
-    const buttons = new Map(), row = bar(parent, name);
-    return (value, choices) => {
-      row.hidden = value === null;
-      for (const each of choices) {
-        if (!buttons.has(each)) buttons.set(each, button(row, each, () => send({ [name]: each })));
-        buttons.get(each).setAttribute('aria-pressed', String(each === value));
+  // --- law and switching: the one in force is pressed
+  function choose(name, value, choices) {
+    const row = $(`[data-choice=${name}]`);
+    row.hidden = value === null;
+    for (const choice of choices) {
+      let button = [...row.children].find(x => x.value === choice);
+      if (!button) {
+        button = ctcElement('button', row, choice);
+        Object.assign(button, { type: 'button', value: choice });
+        button.onclick = () => send({ [name]: choice });
       }
-    };
+      button.setAttribute('aria-pressed', String(choice === value));
+    }
   }
-  const law = choice('law'), switching = choice('switching');
 
   // --- gains: sliders of the logarithm, sent on release, and numbers, sent on Enter
-  const gains = folded('gains'), gainBar = bar(gains, 'of'), joints = element('select', gainBar);
-  joints.setAttribute('aria-label', 'gains of');
-  joints.title = 'all joints: a slider has the largest value, and the others keep their ratios;'
-    + ' its number is one for all, or one for each joint';
-  const grid = element('div', gains, 'ctc-fields'), sliders = new Map();
-  const chosen = () => Number(joints.value);
-  // The values that a slider and its number are of: of one joint, or of all.
-  const inForce = ({ values }) => (values.length > 1 && chosen() >= 0 ? [values[chosen()]]
-    : values);
-  const listed = values => (new Set(values).size > 1 ? values : values.slice(0, 1))
-    .map(digits).join(', ');
-  function slider(name) {
-    const it = { ...field(grid, `${name} as a number`, text => numbersReason(
-      text, inForce(it.gain).length, ...it.gain.bounds)), slide: document.createElement('input') };
-    const { slide, input, wrong, title } = it;
-    Object.assign(it, { asked: null, held: false });
+  const gains = new Map();
+  const joint = () => Number($('#joints').value);  // -1 for all joints.
+  const isOfAll = ({ values }) => values.length === 1 || joint() < 0;
+  const valuesInForce = gain => (isOfAll(gain) ? gain.values : [gain.values[joint()]]);
+  function makeGain(name) {
+    const it = makeField($('#gains .ctc-fields'), `${name} as a number`, text => reasonAgainst(
+      text, valuesInForce(it.gain).length, ...it.gain.bounds));
+    const slide = it.slide = document.createElement('input');
     Object.assign(slide, { type: 'range', min: 0, max: 1, step: 'any' });
-    title.after(slide);
-    const value = () => Number((it.gain.least
-      * (it.gain.most / it.gain.least) ** Number(slide.value)).toPrecision(3));
-    const ask = words => {
-      it.held = false;
-      it.asked = { answered: state.answered, at: Date.now() };
-      send(words);
-    };
-    const joint = () => (it.gain.values.length > 1 ? chosen() : -1);
-    const askOne = asked => ask({ gain: { name, joint: joint(), value: asked } });
     slide.setAttribute('aria-label', name);
-    input.inputMode = 'decimal';
-    slide.oninput = () => { it.held = true; input.value = digits(value()); wrong(); };
-    slide.onchange = () => askOne(Math.min(it.gain.most, Math.max(it.gain.least, value())));
-    input.addEventListener('input', () => { it.held = true; });
-    input.onchange = () => {
-      if (wrong()) return;
-      const values = wordsOf(input.value).map(Number);
-      if (joint() < 0 && it.gain.values.length > 1) ask({ gains: { name, values } });
-      else askOne(values[0]);
+    it.title.after(slide);
+    it.input.inputMode = 'decimal';
+    const ask = entered => {
+      const { values } = it.gain;
+      Object.assign(it, { held: false, asked: { answered: state.answered, at: Date.now() } });
+      send({ gain: { name, values: isOfAll(it.gain) ? entered
+        : values.map((x, i) => (i === joint() ? entered[0] : x)) } });
     };
-    input.onblur = slide.onblur = () => { it.held = false; place(it); };
-    sliders.set(name, it);
+    slide.oninput = () => {
+      const { low, high } = it.gain;
+      it.held = true;
+      it.input.value = digits(Number((low * (high / low) ** slide.value).toPrecision(3)));
+      it.check();
+    };
+    slide.onchange = () => {
+      slide.oninput();
+      const value = Number(it.input.value), { values } = it.gain, largest = Math.max(...values);
+      // For all joints the values keep their ratios.
+      ask(isOfAll(it.gain) ? values.map(x => (largest ? value * (x / largest) : value)) : [value]);
+    };
+    it.input.addEventListener('input', () => { it.held = true; });
+    it.input.onchange = () => { if (it.check()) ask(numbersIn(it.input.value)); };
+    it.input.onblur = slide.onblur = () => { it.held = false; showGain(it); };
+    gains.set(name, it);
     return it;
   }
-  // Put a slider where the value in force is, unless it is held or its answer is awaited.
-  function place(it) {
-    const { gain, asked, slide, input, row, title } = it, values = inForce(gain);
-    const value = Math.max(...values);
-    row.title = gain.about;
-    title.textContent = `${gain.name} [${gain.unit}]`;
+  // Show the value in force, unless the user holds the slider or waits for an answer.
+  function showGain(it) {
+    const { gain: { name, unit, about, low, high }, asked } = it;
+    const values = valuesInForce(it.gain), value = Math.max(...values);
+    it.row.title = about;
+    it.title.textContent = `${name} [${unit}]`;
     if (asked && (state.answered > asked.answered || Date.now() - asked.at > 5000)) it.asked = null;
     if (it.held || it.asked) return;
-    slide.value = value > 0 ? Math.log(value / gain.least) / Math.log(gain.most / gain.least) : 0;
-    input.value = listed(values);
-    row.classList.toggle('ctc-several', input.value.includes(','));
-    it.wrong();
+    it.slide.value = value > 0 ? Math.log(value / low) / Math.log(high / low) : 0;
+    it.input.value = (new Set(values).size > 1 ? values : [value]).map(digits).join(', ');
+    it.row.classList.toggle('ctc-several', it.input.value.includes(','));
+    it.check();
   }
-  joints.onchange = () => sliders.forEach(place);
+  $('#joints').onchange = () => gains.forEach(showGain);
 
-  // --- torques, recording
-  const torques = bar(parent, 'torques');
-  button(torques, 'reset and enable', () => send({ torques: true })).title =
-    'calls ~/reset, then ~/enable';
-  button(torques, 'disable', () => send({ torques: false }));
-  const bag = bar(parent, 'bag'), record = button(
-    bag, '', () => send({ record: state.record.state === 'off' }));
-  const where = element('span', bag, 'ctc-where');
-  const LABELS = { off: '● record', starting: 'starting …', on: '■ stop recording',
+  // --- torques, recording, plant
+  $('#enable').onclick = () => send({ torques: true });
+  $('#disable').onclick = () => send({ torques: false });
+  $('#record').onclick = () => send({ record: state.record.state === 'off' });
+  const RECORD = { off: '● record', starting: 'starting …', on: '■ stop recording',
     stopping: 'stopping …' };
-
-  // --- plant: friction and disturbance, a push, simulated time
-  const plant = folded('friction and disturbance');
-  const plantGrid = element('div', plant, 'ctc-fields'), fields = new Map();
-  button(bar(plant, ''), 'apply changes', () => {
-    for (const [parameter, { input, wrong, shown }] of fields)
-      if (!wrong() && input.value.trim() !== shown) send({ plant: { name: parameter,
-        value: wordsOf(input.value).map(Number) } });
-  });
-  const push = folded('push'), pushGrid = element('div', push, 'ctc-fields');
-  const number = (into, label, value, ...limits) => {
-    const it = field(into, label, text => numbersReason(text, 1, ...limits));
-    it.input.value = value;
-    return it;
+  const fields = new Map();
+  $('#apply').onclick = () => {
+    for (const [name, { input, check, shown }] of fields)
+      if (check() && input.value !== shown)
+        send({ plant: { name, values: numbersIn(input.value) } });
   };
-  const pushBar = bar(push, 'on'), pushed = element('select', pushBar);
-  pushed.setAttribute('aria-label', 'push on');
-  const torque = number(pushGrid, 'torque [N·m]', 50);
-  const lasts = number(pushGrid, 'duration [s]', 0.2, 0, 10);
-  button(pushBar, 'push', () => {
-    if (!torque.wrong() && !lasts.wrong()) send({ push: { joint: Number(pushed.value),
-      torque: Number(torque.input.value), lasts: Number(lasts.input.value) } });
-  });
-  const time = folded('simulated time'), timeBar = bar(time, '');
-  const steps = number(element('div', time, 'ctc-fields'), 'samples a step', 1, 1, 100000);
-  const timeButtons = ['hold', 'step', 'run'].map(word => button(timeBar, word, () => {
-    if (!steps.wrong()) send({ time: { word, samples: Math.round(Number(steps.input.value)) } });
-  }));
-  const reason = element('p', time, 'ctc-where ctc-reason');
+  // The browser checks the numbers of a form.
+  function onSubmit(form, request) {
+    form.onsubmit = event => {
+      event.preventDefault();
+      send(request(name => Number(form.elements[name].value), event.submitter.value));
+    };
+  }
+  onSubmit($('#push form'), number => ({ push: {
+    joint: number('joint'), torque: number('torque'), duration: number('duration') } }));
+  onSubmit($('#simulated form'), (number, action) => ({ time: {
+    action, samples: number('samples') } }));
 
-  function options(select, texts, first) {
+  function setOptions(select, texts, first) {
     if (texts.join('\n') === [...select.options].map(x => x.text).join('\n')) return;
-    select.replaceChildren();
-    texts.forEach((text, i) => { element('option', select, '', text).value = first + i; });
+    select.replaceChildren(...texts.map((text, i) => new Option(text, first + i)));
   }
   return now => {
     state = now;
     parent.hidden = false;
-    law(state.law, state.laws.includes(state.law) || !state.law ? state.laws
-      : [...state.laws, state.law]);
-    switching(state.switching, state.switchings);
-    options(joints, ['all joints', ...state.joints], -1);
-    options(pushed, state.joints, 0);
-    gains.hidden = !state.gains.length;
-    const known = new Set(state.gains.map(x => x.name));
-    for (const [gain, it] of sliders) it.row.hidden = !known.has(gain);
+    choose('law', state.law, new Set([...state.laws, state.law].filter(Boolean)));
+    choose('switching', state.switching, state.switchings);
+    setOptions($('#joints'), ['all joints', ...state.joints], -1);
+    setOptions($('#push select'), state.joints, 0);
+    $('#gains').hidden = !state.gains.length;
+    for (const it of gains.values()) it.row.hidden = true;
     for (const gain of state.gains) {
-      const it = sliders.get(gain.name) || slider(gain.name);
+      const it = gains.get(gain.name) ?? makeGain(gain.name);
       it.gain = gain;
-      place(it);
+      it.row.hidden = false;
+      showGain(it);
     }
-    const { state: phase, path, lasts: duration } = state.record;
-    record.textContent = LABELS[phase];
-    record.disabled = phase === 'starting' || phase === 'stopping';
-    record.setAttribute('aria-pressed', String(phase === 'on'));
-    where.textContent = phase === 'off' ? `in ${path}` : `${path}, ${duration} s`;
-    plant.hidden = push.hidden = !state.plant.length;
-    for (const { name: parameter, title, value } of state.plant) {
-      if (!fields.has(parameter)) fields.set(parameter, field(
-        plantGrid, title, text => numbersReason(text, state.joints.length)));
-      const it = fields.get(parameter);
+    const { state: recorder, path, duration } = state.record;
+    $('#record').textContent = RECORD[recorder];
+    $('#record').disabled = ['starting', 'stopping'].includes(recorder);
+    $('#record').setAttribute('aria-pressed', String(recorder === 'on'));
+    $('#bag').textContent = recorder === 'off' ? `in ${path}` : `${path}, ${duration} s`;
+    $('#plant').hidden = $('#push').hidden = !state.plant.length;
+    for (const { name, title, value } of state.plant) {
+      if (!fields.has(name)) fields.set(name, makeField(
+        $('#plant .ctc-fields'), title, text => reasonAgainst(text, state.joints.length)));
+      const it = fields.get(name);
       if (it.shown !== value) {
         it.shown = it.input.value = value;
-        it.wrong();
+        it.check();
       }
     }
-    for (const it of timeButtons) it.disabled = Boolean(state.held);
-    reason.textContent = state.held;
+    for (const button of $('#simulated form').querySelectorAll('button'))
+      button.disabled = Boolean(state.time_runs_on);
+    $('.ctc-reason').textContent = state.time_runs_on;
   };
 };

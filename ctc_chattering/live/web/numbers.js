@@ -1,25 +1,26 @@
-// The numbers of all joints at a time, as a table for each run: live.html and export.html.
+// Numbers of all joints at a time, in a table for each run: live.html and export.html.
 //
 //   const numbers = ctcNumbers(parent, joints);
-//   numbers(runs, about, t, 0, remark);   // at a time [s]; runs as those of plots
+//   numbers(runs, about, t, 0, remark);   // at a time [s]; runs of ctcPlots
 //   numbers(runs, about, null, silent);   // the last ones, after `silent` seconds without any
 //   numbers.value(run, signal, joint, t)  // a signal of a run at a time
 //
-// about = [{name, laws: [[t, law], ...]}, ...]: what a run is called, and its laws from when on;
-// a running graph has neither.
+// about = [{name, laws: [[t, law], ...]}, ...] has the name of each run, and its laws with the times
+// from which on they are in force. A running graph has neither.
 'use strict';
+// Append an element to a parent. The other scripts use it as well.
+const ctcElement = (tag, parent, text = '', name = '') => {
+  const element = document.createElement(tag);
+  element.textContent = text;
+  if (name) element.className = name;
+  parent.append(element);
+  return element;
+};
 const ctcNumbers = (parent, joints) => {
-  const OLD = 0.5;  // From here on the last numbers are grey and have their age [s].
+  const MAX_AGE_S = 0.5;  // Older numbers are grey, and have their age.
   const COLUMNS = ['joint', 'q', 'q_d', 'error', 'RMS, 1 s', 'v', 'torque'];
   const PARTS = ['nominal', 'compensation', 'robust'];
-  const made = (tag, into, text = '', name = '') => {
-    const element = document.createElement(tag);
-    element.textContent = text;
-    if (name) element.className = name;
-    into.append(element);
-    return element;
-  };
-  // The number of the last sample at or before a time, or of the first one.
+  // Index of the last sample at or before a time, else of the first one.
   function index(t, at) {
     let low = 0, high = t.length - 1;
     while (low < high) {
@@ -28,17 +29,17 @@ const ctcNumbers = (parent, joints) => {
     }
     return low;
   }
-  // A signal's value there, and the time of that sample.
+  // Value of a signal at that sample, and its time.
   function sample(run, signal, joint, time) {
     if (!run.has(signal)) return { value: NaN, t: NaN };
     const { t, at } = run.values(signal, joint), i = index(t, time);
     return { value: t.length ? at(i) : NaN, t: t[i] };
   }
-  // The law's torque; the one that the robot reports where the law's is old.
+  // Torque of the law, or where it is old, the one that the robot reports.
   function torque(run, joint, time) {
     if (run.has('torque')) return sample(run, 'torque', joint, time);
     const parts = PARTS.map(part => sample(run, part, joint, time));
-    return time - parts[0].t > OLD ? sample(run, 'effort', joint, time)
+    return time - parts[0].t > MAX_AGE_S ? sample(run, 'effort', joint, time)
       : { value: parts.reduce((sum, part) => sum + part.value, 0), t: parts[0].t };
   }
   function rms(run, joint, time) {
@@ -62,25 +63,25 @@ const ctcNumbers = (parent, joints) => {
     runs.forEach((run, r) => {
       const end = run.ends[1], now = t ?? end;
       if (!Number.isFinite(end)) return;
-      const head = made('p', parent), table = made('table', parent, '', 'ctc-numbers');
+      const head = ctcElement('p', parent), table = ctcElement('table', parent, '', 'ctc-numbers');
       const { name, laws } = about[r];
-      if (name) made('b', head, `${name}: ${lawAt(laws, now)}, `);
+      if (name) ctcElement('b', head, `${name}: ${lawAt(laws, now)}, `);
       head.append('t = ');
-      made('span', head, now.toFixed(3), 'ctc-now');
+      ctcElement('span', head, now.toFixed(3), 'ctc-now');
       head.append(remark ? ` s, ${remark}` : ' s');
-      const names = made('tr', table);
-      for (const column of COLUMNS) made('th', names, column);
+      const names = ctcElement('tr', table);
+      for (const column of COLUMNS) ctcElement('th', names, column);
       let oldest = 0;
       joints.forEach((joint, j) => {
-        const row = made('tr', table);
-        made('td', row, joint);
+        const row = ctcElement('tr', table);
+        ctcElement('td', row, joint);
         for (const [{ value, t: at }, written] of cells(run, j, now)) {
           const age = (t ?? silent + end) - at;
-          made('td', row, text(value, written), age > OLD ? 'ctc-old' : '');
+          ctcElement('td', row, text(value, written), age > MAX_AGE_S ? 'ctc-old' : '');
           if (age > oldest) oldest = age;
         }
       });
-      if (oldest > OLD) made('span', head, `; grey: ${oldest.toFixed(1)} s old`, 'ctc-old');
+      if (oldest > MAX_AGE_S) ctcElement('span', head, `. Grey numbers are up to ${oldest.toFixed(1)} s old.`, 'ctc-old');
     });
   };
   return Object.assign(show, {

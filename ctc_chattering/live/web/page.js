@@ -1,25 +1,16 @@
-// The page of `ctc live`: its parts, the WebSocket that feeds them, and the line between plots and
-// view. The words of both sides: page_socket.py.
+// Page of `ctc live`: its parts, and the WebSocket that feeds them. page_socket.py lists the messages.
 'use strict';
-// The cookie has the token: neither address bar nor history keep it.
+// The cookie has the token, so neither address bar nor history keep it.
 history.replaceState(null, '', location.pathname);
-const STORE = 'ctc-live', $ = id => document.getElementById(id);
+const $ = id => document.getElementById(id);
 let plots = null, numbers = null, player = null, about = [], socket = null;
-// The time under the pointer in a plot, null for none: the numbers are those there.
+// Time under the pointer in a plot, at which the numbers are shown.
 let pointed = null;
-const say = words => { if (socket?.readyState === 1) socket.send(JSON.stringify(words)); };
+const send = requests => {
+  if (socket?.readyState === 1) socket.send(JSON.stringify(requests));
+};
 
-// --- what the browser keeps
-function remembered() {
-  try { return JSON.parse(localStorage.getItem(STORE)) || {}; } catch { return {}; }
-}
-function remember(values) {
-  try {
-    localStorage.setItem(STORE, JSON.stringify({ ...remembered(), ...values }));
-  } catch { /* Then nothing is remembered. */ }
-}
-
-// --- the time of bags: shown here, and told to the server often enough for the arm
+// --- time of bags: shown here, and sent to the server for the arm, 30 times a second
 let due = 0, shown = null;
 function moved(t) {
   plots.mark(t);
@@ -32,10 +23,10 @@ function showNumbers(silent = 0) {
 }
 function seek(t) {
   moved(t);
-  due ||= setTimeout(() => { due = 0; say({ seek: shown }); }, 33);
+  due ||= setTimeout(() => { due = 0; send({ seek: shown }); }, 33);
 }
 
-// --- what the server says
+// --- messages of the server
 const status = ctcStatus($('light'), $('reports'), $('log'));
 const receivers = {
   show({ joints, units, runs, options, note, time }) {
@@ -51,8 +42,8 @@ const receivers = {
   },
   mark(t) { if (player(t)) moved(t); },
   silent(seconds) { if (plots) showNumbers(seconds); },
-  controls: ctcControls($('controls'), say),
-  scene: ctcView($('view'), say),
+  controls: ctcControls($('controls'), send),
+  scene: ctcView($('view'), send),
   ended(text) { $('ended').textContent = text; $('ended').hidden = !text; },
   ...status,
   reports(nodes) { $('reports').parentElement.hidden = false; status.reports(nodes); },
@@ -71,15 +62,15 @@ function connect() {
   socket.onclose = () => {
     $('panel').inert = true;
     $('note').className = 'ended';
-    $('note').textContent = 'ctc live has ended or does not answer; the plots have the last samples.';
+    $('note').textContent = 'ctc live has ended or does not answer. The plots show the last samples.';
     setTimeout(connect, 3000);
   };
 }
 connect();
 
-// --- the view: magnified errors, the camera, a picture
-$('magnify').onchange = () => say({ magnify: Number($('magnify').value) });
-$('fit').onclick = () => say({ fit: null });
+// --- the view: magnified errors, camera, picture
+$('magnify').onchange = () => send({ magnify: Number($('magnify').value) });
+$('fit').onclick = () => send({ fit: null });
 $('picture').onclick = () => {
   const canvas = $('view').contentDocument.querySelector('canvas[data-engine]');
   canvas.toBlob(blob => {
@@ -89,21 +80,4 @@ $('picture').onclick = () => {
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 10000);
   });
-};
-
-// --- the line between plots and view
-function widen(part) {
-  const width = Math.min(0.7, Math.max(0.15, part));
-  document.body.style.setProperty('--width', `${(100 * width).toFixed(1)}%`);
-  return width;
-}
-let share = widen(Number(remembered().width) || 0.4);
-$('divider').onpointerdown = event => $('divider').setPointerCapture(event.pointerId);
-$('divider').onpointermove = event => {
-  if (event.buttons) share = widen(event.clientX / innerWidth);
-};
-$('divider').onpointerup = () => remember({ width: share });
-$('divider').onkeydown = ({ key }) => {
-  share = widen(share + ({ ArrowLeft: -0.02, ArrowRight: 0.02 }[key] || 0));
-  remember({ width: share });
 };

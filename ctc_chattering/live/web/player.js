@@ -2,8 +2,8 @@
 //
 //   const follow = ctcPlayer(parent, begin, end, moved);
 //
-// `moved` is called with every new time [s]. `follow(t, true)` goes to a time that was clicked;
-// `follow(t)` to one that another page shows, and says whether it did: not while this one moves.
+// `moved` is called with every new time [s]. `follow(t, true)` goes to a time that was clicked.
+// `follow(t)` goes to the time of another page, and returns false while the user moves this one.
 'use strict';
 const ctcPlayer = (parent, begin, end, moved) => {
   parent.innerHTML = `<div class="ctc-bar"><span>time</span>

@@ -1,31 +1,31 @@
-// The view of viser in its frame: by day or by night, which viser takes from its address.
+// viser's view in its frame, light or dark, which viser takes from its address.
 //
-//   const shape = ctcView(frame, say);   // tells the server what shape the view has
+//   const sendShape = ctcView(frame, send);   // sends the shape of the view
 'use strict';
-const ctcView = (frame, say) => {
-  const night = matchMedia('(prefers-color-scheme: dark)');
+const ctcView = (frame, send) => {
+  const dark = matchMedia('(prefers-color-scheme: dark)');
   let moved = false;
   const open = () => {
     moved = false;
-    frame.src = `/view/${night.matches ? '?darkMode' : ''}`;
+    frame.src = `/view/${dark.matches ? '?darkMode' : ''}`;
   };
   frame.addEventListener('load', () => {
     const inside = frame.contentWindow;
-    // One that was moved by hand stays; until then the server's shows the arms.
+    // A camera that the user moves stays.
     for (const kind of ['pointerdown', 'wheel', 'keydown'])
       inside.addEventListener(kind, event => {
         if (moved || (event.target.tagName !== 'CANVAS' && kind !== 'keydown')) return;
         moved = true;
-        say({ moved: null });
+        send({ moved: null });
       }, { capture: true, passive: true });
-    // Its own panel has nothing of ours.
+    // viser's own panel is empty.
     const style = inside.document.createElement('style');
     style.textContent = '.mantine-Paper-root { display: none !important; }';
     inside.document.head.append(style);
     seldom(inside);
   });
-  // Without a graphics card the view takes all of the processor: where a frame comes late, the next
-  // one waits twice as long, so that the plots have their turn.
+  // Without a graphics card the view takes all of the processor. After a late frame the next one
+  // waits twice as long, so that the plots have their turn.
   function seldom(inside) {
     const draw = inside.requestAnimationFrame.bind(inside), waiting = new Set();
     let late = 0, last = 0;
@@ -43,10 +43,10 @@ const ctcView = (frame, say) => {
     };
     inside.cancelAnimationFrame = id => waiting.delete(id);
   }
-  const shape = () => say({ aspect: Math.min(3, Math.max(
+  const sendShape = () => send({ aspect: Math.min(3, Math.max(
     0.3, frame.clientWidth / frame.clientHeight || 1)) });
-  new ResizeObserver(shape).observe(frame);
-  night.addEventListener('change', open);
+  new ResizeObserver(sendShape).observe(frame);
+  dark.addEventListener('change', open);
   open();
-  return shape;
+  return sendShape;
 };

@@ -110,7 +110,7 @@ def test_a_bound_of_ki_that_an_own_law_says_is_checked() -> None:
             return np.array([50.0, 200.0])
     globals()['Bounded'] = Bounded
     line, = unsafe_settings(config(f'{__name__}:Bounded', ki=[100.0, 100.0]))
-    assert line == 'joint1: ki is 100; the loop is unstable from 50 on'
+    assert line == 'joint1: ki is 100, but the loop is unstable from 50 on; lower ki'
 
 
 def test_gains_are_recommended_for_an_own_law_with_a_rule() -> None:

@@ -1,12 +1,14 @@
-// A law of ctc_chattering as a controller of ros2_control, by `ctc export-c --ros2-control`.
+// ros2_control controller with a law of ctc_chattering, written by `ctc export-c --ros2-control`.
 //
-// Every update answers the state with the torque of ctc_law, for the desired motion that
-// trajectory_msgs/JointTrajectory on ~/reference has given. A new message replaces all points from
-// its first instant on; between two points the motion is the quintic that meets both. Points that
-// are past are dropped, a message of nothing else is refused, and one without points stops the
-// motion. Before the first point the torque is 0. Where a state is not finite or jumps, an error is
-// too large (ctc_law.h), or the reference has ended in motion, the torque is 0 and the update fails:
-// the controller manager then deactivates the controller, and activating it begins anew.
+// Every update commands the torque of ctc_law for the measured state and the desired motion. The
+// motion comes as trajectory_msgs/JointTrajectory on ~/reference. A new message replaces all points
+// from its first instant on. Between two points the motion is the quintic that meets both. Past
+// points are dropped. A message with only past points is refused, and one without points stops the
+// motion. Before the first point the torque is 0.
+//
+// The torque is 0 and the update fails if a state is not finite or jumps, if an error is too large
+// (ctc_law.h), or if the reference ends in motion. The controller manager then deactivates the
+// controller. Activating it starts the law again.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -38,17 +40,22 @@ using sensor_msgs::msg::JointState;
 using trajectory_msgs::msg::JointTrajectory;
 
 constexpr int N = CTC_JOINTS;
-/// Points of the reference that are kept, at most.
-constexpr size_t MOST_POINTS = 60000;
-/// Time in which a motion without points is stopped, after that in which it surely still can be,
-/// and from one point of it to the next [ns].
-constexpr int64_t BRAKING = std::int64_t(1e9 * @BRAKING_TIME@), NOTICE = 20000000, STEP = 5000000;
+/// Largest number of reference points that are kept.
+constexpr size_t MAX_POINTS = 60000;
+/// Duration of the stop of a motion [ns].
+constexpr int64_t BRAKING = std::int64_t(1e9 * @BRAKING_TIME@);
+/// Time before a stop begins, so that the update still receives its first point [ns].
+constexpr int64_t NOTICE = 20000000;
+/// Time between two points of a stop [ns].
+constexpr int64_t STEP = 5000000;
 constexpr std::array<int, N> CONTINUOUS = CTC_CONTINUOUS;
 const std::array<std::string, N> JOINTS = CTC_JOINT_NAMES;
-/// Largest factor by which a gain changes at once, counted from this where it is 0; as of the node.
-constexpr double MOST_CHANGE = 101.0, FROM_ZERO = 10.0;
+/// Largest factor by which a gain may change at once, as in the node `controller`.
+constexpr double MAX_CHANGE = 101.0;
+/// Value from which the factor counts if the gain is 0.
+constexpr double FROM_ZERO = 10.0;
 
-/// kp [1/s^2], kv [1/s] and ka [N m], as the parameters of these names.
+/// Values of the parameters kp [1/s^2], kv [1/s] and ka [N m].
 struct Gains
 {
   std::array<double, N> kp = CTC_KP, kv = CTC_KV, ka = CTC_KA;
@@ -66,7 +73,7 @@ struct Point
   std::array<double, N> q, dq, ddq;
 };
 
-/// Points that have come since the controller was activated for the `activation`-th time.
+/// Reference points received since the controller was activated for the `activation`-th time.
 struct Reference
 {
   int activation = 0;
@@ -102,8 +109,8 @@ public:
     const auto node = get_node();
     if (std::abs(1.0 / get_update_rate() - CTC_PERIOD) > 1e-6 * CTC_PERIOD) {
       RCLCPP_ERROR(
-        node->get_logger(), "update_rate is %u Hz, but the law has a period of %g s",
-        get_update_rate(), CTC_PERIOD);
+        node->get_logger(), "update_rate is %u Hz, but the law was exported for a period of %g s; set update_rate to "
+        "%g Hz", get_update_rate(), CTC_PERIOD, 1.0 / CTC_PERIOD);
       return CallbackReturn::ERROR;
     }
     const double timeout = node->get_parameter("reference_timeout").as_double();
@@ -142,7 +149,7 @@ public:
     ctc_init(&law_);
     gains_in_force_ = Gains();
     samples_ = updated_ = 0;
-    ++activation_;  // What was to be done before is forgotten.
+    ++activation_;  // Older reference points no longer apply.
     return send({}) ? CallbackReturn::SUCCESS : CallbackReturn::ERROR;
   }
 
@@ -161,7 +168,7 @@ public:
     }
     const Point & last = reference.points.back();
     if (t > last.t + grace_ && !at_rest(last)) {
-      return stop("the reference has ended in motion");
+      return stop("the reference ended in motion");
     }
     for (int i = 0; i < N; ++i) {
       q_[i] = measured(2 * i);
@@ -188,7 +195,7 @@ public:
       return stop(ctc_message(error));
     }
     if (!send(tau)) {
-      return stop("a command was not taken");
+      return stop("a command interface refused its value");
     }
     if (samples_++ % decimation_ == 0) {
       publish(time);
@@ -210,14 +217,15 @@ private:
     return names;
   }
 
-  /// Take parameters into gains; return why not, empty if they are taken.
+  /// Take gains from parameters. Return the reason for a refusal, or an empty string.
   static std::string taken(const std::vector<rclcpp::Parameter> & parameters, Gains & gains)
   {
     for (const auto & parameter : parameters) {
       if (auto * values = gains.named(parameter.get_name())) {
         const auto given = parameter.as_double_array();
         if (given.size() != N) {
-          return parameter.get_name() + ": one number for each joint";
+          return parameter.get_name() + ": " + std::to_string(given.size()) +
+                 " numbers are not allowed; allowed: one number for each joint";
         }
         std::copy(given.begin(), given.end(), values->begin());
       }
@@ -239,7 +247,7 @@ private:
     return state_interfaces_[i].get_optional().value_or(std::numeric_limits<double>::quiet_NaN());
   }
 
-  /// Command torques; return whether all were taken.
+  /// Command torques. Return true if all interfaces accept them.
   bool send(const std::array<double, N> & tau)
   {
     bool taken = true;
@@ -252,18 +260,18 @@ private:
   return_type stop(const char * why)
   {
     send({});
-    RCLCPP_ERROR(get_node()->get_logger(), "%s: no torque until it is activated again", why);
+    RCLCPP_ERROR(get_node()->get_logger(), "%s; the torque is 0 until the controller is activated again", why);
     return return_type::ERROR;
   }
 
-  /// Return the desired motion at an instant, not before the first point.
+  /// Return the desired motion at an instant from the first point on.
   Point desired(const std::vector<Point> & points, int64_t t) const
   {
     const auto after = std::upper_bound(
       points.begin(), points.end(), t, [](int64_t x, const Point & point) { return x < point.t; });
     const Point & a = *(after - 1);
     Point made{t, {}, {}, {}};
-    if (t == a.t || after == points.end()) {  // Late, it goes on at the last velocity, then rests.
+    if (t == a.t || after == points.end()) {  // A late reference continues, then rests.
       const double h = static_cast<double>(std::min(t - a.t, grace_)) / 1e9;
       for (int i = 0; i < N; ++i) {
         made.q[i] = a.q[i] + h * a.dq[i];
@@ -288,8 +296,9 @@ private:
     return made;
   }
 
-  /// Return the motion from an instant on as it comes to rest on its path: its time runs slower and
-  /// slower, s(x) = x - x^3 + x^4 / 2 of BRAKING at the part x of it.
+  /// Return a motion that comes to rest on its path from an instant on.
+  ///
+  /// Its time slows down: at fraction x of BRAKING, s(x) = x - x^3 + x^4 / 2 of BRAKING has passed.
   std::vector<Point> stopping(const std::vector<Point> & points, int64_t begin) const
   {
     std::vector<Point> made;
@@ -317,8 +326,8 @@ private:
       const auto & before = *set_gains_.named(name), & after = *gains.named(name);
       for (int i = 0; i < N; ++i) {
         const double from = before[i] > 0.0 ? before[i] : FROM_ZERO;
-        if (after[i] > 0.0 && std::max(from / after[i], after[i] / from) > MOST_CHANGE) {
-          result.reason = name + ": a change by a factor of at most 100 at once";
+        if (after[i] > 0.0 && std::max(from / after[i], after[i] / from) > MAX_CHANGE) {
+          result.reason = name + ": the change is too large; allowed: a factor of at most 100 at once";
         }
       }
     }
@@ -330,7 +339,7 @@ private:
     return result;
   }
 
-  /// Take a message of the reference, in a thread that is not real-time.
+  /// Take a reference message. This thread is not real-time.
   void take(const JointTrajectory & message)
   {
     const auto logger = get_node()->get_logger();
@@ -344,8 +353,8 @@ private:
       const auto & names = message.joint_names;
       order[i] = std::find(names.begin(), names.end(), JOINTS[i]) - names.begin();
     }
-    if (message.header.stamp.sec < 0) {  // Of which rclcpp::Time throws, and ends the manager.
-      RCLCPP_ERROR(logger, "reference refused: a negative stamp");
+    if (message.header.stamp.sec < 0) {  // rclcpp::Time would throw and end the manager.
+      RCLCPP_ERROR(logger, "the reference is refused: its stamp is negative");
       return;
     }
     const bool begun = kept_.activation == activation_ && !kept_.points.empty();
@@ -369,7 +378,7 @@ private:
       }
       if (!good) {
         RCLCPP_ERROR(
-          logger, "reference refused: every point needs a finite position, velocity and "
+          logger, "the reference is refused: every point needs a finite position, velocity and "
           "acceleration of every joint, and times must increase from 0 on");
         return;
       }
@@ -377,14 +386,14 @@ private:
     }
     if (chunk.empty()) {
       if (!begun || now_ < kept_.points.front().t) {
-        RCLCPP_ERROR(logger, "reference refused: without points, and there is no motion to stop");
+        RCLCPP_ERROR(logger, "the reference is refused: it has no points, and there is no motion to stop");
         return;
       }
       chunk = stopping(kept_.points, now_ + NOTICE);
     } else if (now_ > chunk.back().t + grace_) {
       RCLCPP_ERROR(
-        logger, "reference refused: all of its points are past: the last one is at %.3f s, now it "
-        "is %.3f s; are the clocks synchronised?", chunk.back().t / 1e9, now_ / 1e9);
+        logger, "the reference is refused: all of its points are past; the last one is at %.3f s, "
+        "and the time is %.3f s; check that the clocks are synchronised", chunk.back().t / 1e9, now_ / 1e9);
       return;
     }
     Reference merged{activation_, {}};
@@ -392,7 +401,7 @@ private:
       kept_.points.clear();
     }
     for (size_t i = 0; i < kept_.points.size() && kept_.points[i].t < chunk.front().t; ++i) {
-      if (i + 1 == kept_.points.size() || kept_.points[i + 1].t > now_) {  // It is still needed.
+      if (i + 1 == kept_.points.size() || kept_.points[i + 1].t > now_) {  // The present motion needs it.
         merged.points.push_back(kept_.points[i]);
       }
     }
@@ -400,15 +409,15 @@ private:
       merged.points.push_back(
         merged.points.empty() ? point : following(point, merged.points.back()));
     }
-    if (merged.points.size() > MOST_POINTS) {
-      RCLCPP_ERROR(logger, "reference refused: more than %zu points", MOST_POINTS);
+    if (merged.points.size() > MAX_POINTS) {
+      RCLCPP_ERROR(logger, "the reference is refused: it has more than %zu points", MAX_POINTS);
       return;
     }
     kept_ = merged;
     reference_.writeFromNonRT(merged);
   }
 
-  /// Return a point whose endless joints are turned to where the point before leads.
+  /// Return a point with whole turns added, so that endless joints continue the point before.
   static Point following(Point point, const Point & before)
   {
     const double h = static_cast<double>(point.t - before.t) / 1e9, turn = 2.0 * std::acos(-1.0);
@@ -420,7 +429,7 @@ private:
     return point;
   }
 
-  /// Return what publishes on ~/`topic`: a row for each part, and so many numbers.
+  /// Return the publisher of ~/`topic` with a name for each joint and part.
   std::unique_ptr<Publisher> publisher(
     const std::string & topic, const std::vector<std::string> & parts, int position, int velocity,
     int effort)
@@ -438,7 +447,7 @@ private:
     return made;
   }
 
-  /// Publish as the node `controller` of ctc_chattering does; a busy publisher leaves a sample out.
+  /// Publish the terms as the node `controller` does. A busy publisher skips a sample.
   void publish(const rclcpp::Time & time)
   {
     const auto row = [this](int k, int i) { return ctc_terms(&law_)[k * N + i]; };
@@ -479,11 +488,12 @@ private:
   int64_t grace_ = 0, decimation_ = 1, samples_ = 0, updated_ = 0;
   std::atomic<int64_t> now_ = 0;
   std::atomic<int> activation_ = 0;
-  /// Gains of the parameters, the same for the update, and those of the law.
+  /// Gains of the parameters, also in the buffer for the update.
   Gains set_gains_;
   realtime_tools::RealtimeBuffer<Gains> gains_;
+  /// Gains of the law.
   Gains gains_in_force_;
-  /// The points that are kept, and the same for the update.
+  /// Reference points, also in the buffer for the update.
   Reference kept_;
   realtime_tools::RealtimeBuffer<Reference> reference_;
   rclcpp::Subscription<JointTrajectory>::SharedPtr subscription_;

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where the page listens, and who may open it: with the token, from itself."""
+"""Addresses of the page, and the checks of token, Host, Origin and messages."""
 
 from __future__ import annotations
 
@@ -118,8 +118,8 @@ def test_every_page_has_a_token_of_its_own() -> None:
     assert all(re.fullmatch('[-_A-Za-z0-9]{43}', token) for token in tokens)
 
 
-def started(text: str = '') -> tuple[Any, str]:
-    """Return a server of a page, and the address."""
+def started(text: str = '') -> serving.PageServer:
+    """Return a server of a page."""
     return serving.serve(require_viser(), '127.0.0.1', serving.free_port('127.0.0.1', 0), text,
                          PageSocket())
 
@@ -127,10 +127,10 @@ def started(text: str = '') -> tuple[Any, str]:
 @pytest.fixture(scope='module')
 def served() -> Iterator[str]:
     """Yield the address of a page."""
-    server, url = started('<!doctype html><iframe src="/view/"></iframe>')
-    server.gui.add_html('content of the page')
-    yield url
-    serving.stop(server)
+    server = started('<!doctype html><iframe src="/view/"></iframe>')
+    server.viser.gui.add_html('content of the page')
+    yield server.url
+    server.stop()
 
 
 def ask(url: str, path: str, **headers: str) -> tuple[http.client.HTTPResponse, bytes]:
@@ -259,13 +259,13 @@ CAMERA = {'type': 'ViewerCameraMessage', 'wxyz': [1.0, 0, 0, 0], 'fov': 1, 'near
 
 
 def test_takes_the_first_free_port_or_the_one_asked_for() -> None:
-    assert serving.PORT <= serving.free_port('127.0.0.1', None) < serving.PORT + 50
+    assert serving.FIRST_PORT <= serving.free_port('127.0.0.1', None) < serving.FIRST_PORT + 50
     assert serving.free_port('127.0.0.1', 0) > 0
     with socket.socket() as other:
         other.bind(('127.0.0.1', 0))
         other.listen()
         taken = other.getsockname()[1]
-        with pytest.raises(CtcError, match=f'port {taken}: Address already in use; --port'):
+        with pytest.raises(CtcError, match=f'port {taken}: Address already in use. Choose'):
             serving.free_port('127.0.0.1', taken)
 
 
@@ -277,9 +277,9 @@ def test_an_address_of_another_machine_is_refused() -> None:
 
 
 def test_says_who_can_see_the_page() -> None:
-    assert [serving.warning_of(x) for x in ('127.0.0.1', 'localhost', '::1')] == [''] * 3
+    assert [serving.exposure_warning(x) for x in ('127.0.0.1', 'localhost', '::1')] == [''] * 3
     for host in ('0.0.0.0', '::', '', '127.evil.example', '127.1.evil'):
-        assert 'everyone' in serving.warning_of(host)
+        assert 'Everyone' in serving.exposure_warning(host)
 
 
 def test_without_viser_one_line_says_what_to_install(
@@ -308,8 +308,9 @@ def test_only_a_camera_is_a_message_to_viser() -> None:
 
 def test_a_hostile_browser_does_not_disturb_the_next_one() -> None:
     """Check with a number that somebody forgot on the page."""
-    server, url = started()
-    number = server.gui.add_number('samples', 1, min=1, max=100_000, step=1)
+    server = started()
+    url = server.url
+    number = server.viser.gui.add_number('samples', 1, min=1, max=100_000, step=1)
     protocol: Any = [f'viser-v{require_viser().__version__}']
     with connect(url.replace('http', 'ws'), subprotocols=protocol) as hostile:
         for value in (7, 1e300, 'x', math.nan):
@@ -319,11 +320,11 @@ def test_a_hostile_browser_does_not_disturb_the_next_one() -> None:
         hostile.send(b'\xc1')
         hostile.send(msgspec.msgpack.encode(CAMERA))
         wait_for(lambda: any(tuple(client.camera.position) == (1.0, 2.0, 3.0)
-                             for client in server.get_clients().values()), 'the camera')
+                             for client in server.viser.get_clients().values()), 'the camera')
         with connect(url.replace('http', 'ws'), subprotocols=protocol) as other:
             assert other.recv(timeout=30.0)
     assert number.value == 1
-    serving.stop(server)
+    server.stop()
 
 
 class Browser:
@@ -343,11 +344,11 @@ def test_the_browser_gets_a_file_that_nobody_else_reads(monkeypatch: pytest.Monk
     """Its address is not among the arguments of a process; a browser in the terminal is none."""
     url, browser = 'http://127.0.0.1:8080/?token=secret&more="<b>', Browser()
     monkeypatch.setattr(webbrowser, 'get', lambda: browser)
-    with serving.opened(url) as done:
+    with serving.open_browser(url) as done:
         assert done
     address, file, readers, text = browser.seen
     assert 'secret' not in address and readers == 0 and not file.exists()
     assert 'url=http://127.0.0.1:8080/?token=secret&amp;more=&#34;&lt;b&gt;' in text
     monkeypatch.setattr(webbrowser, 'get', lambda: webbrowser.GenericBrowser('lynx %s'))
-    with serving.opened(url) as done:
+    with serving.open_browser(url) as done:
         assert not done
