@@ -28,6 +28,13 @@ from typing import Any
 
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ReferenceNodeConfig
+from ctc_chattering.configuration.topics import (
+    CLOCK,
+    JOINT_STATES,
+    JOINT_TRAJECTORY,
+    REFERENCE,
+    TOPICS,
+)
 from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.errors import CtcError, RejectedMessage
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, period_ns, seconds
@@ -35,7 +42,6 @@ from ctc_chattering.ros.loop_node import LoopNode
 from ctc_chattering.ros.messages import LATEST, read_stamp, TrajectoryWriter
 from ctc_chattering.ros.reports import ERROR, OK, Status, WARN
 from ctc_chattering.ros.subscription import qos, ValidatedSubscription
-from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE, TOPICS
 from ctc_chattering.trajectory.joint_limits import read_limits
 from ctc_chattering.trajectory.motion_plan import Followed, MotionPlan
 from ctc_chattering.trajectory.reference import ReferenceConfig
