@@ -13,10 +13,10 @@
 # limitations under the License.
 
 # The public names and the modules that define them: type checkers read it, and `__init__.py`.
-from ctc_chattering.analysis.figures import save_figures as save_figures
-from ctc_chattering.analysis.result import export as export
+from ctc_chattering.analysis.export import export as export
 from ctc_chattering.analysis.result import Result as Result
 from ctc_chattering.analysis.result import simulate as simulate
+from ctc_chattering.analysis.run_figures import save_figures as save_figures
 from ctc_chattering.analysis.run_page import write_runs as write_runs
 from ctc_chattering.bags.reader import read_bag as read_bag
 from ctc_chattering.bags.repair import repair as repair

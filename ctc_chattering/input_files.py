@@ -75,7 +75,7 @@ def read_text(path: Path) -> str:
 
 def check_regular(path: Path) -> None:
     """
-    Raise unless a library can read a file to its end.
+    Raise unless a file can be read to its end.
 
     Parameters
     ----------
@@ -97,6 +97,11 @@ def check_regular(path: Path) -> None:
 
 def kind_of(mode: int) -> str:
     """Return the kind of a file, with its article."""
-    kinds = {stat.S_IFREG: 'a file', stat.S_IFDIR: 'a folder', stat.S_IFLNK: 'a link',
-             stat.S_IFIFO: 'a pipe', stat.S_IFSOCK: 'a socket'}
+    kinds = {
+        stat.S_IFREG: 'a file',
+        stat.S_IFDIR: 'a folder',
+        stat.S_IFLNK: 'a link',
+        stat.S_IFIFO: 'a pipe',
+        stat.S_IFSOCK: 'a socket',
+    }
     return kinds.get(stat.S_IFMT(mode), 'a device')

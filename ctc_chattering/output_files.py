@@ -13,53 +13,50 @@
 # limitations under the License.
 
 """
-Files that commands write, and their folders.
+Single files that commands write.
 
-A folder that a command has written contains a list of its files, `LIST`. It has the digest of each
-file's content, as size and time of a file are not those of its copy, nor of a clone. Only files in
-the list that have not been changed since are ever removed. The files of a user stay.
+They are replaced in one step, and named safely.
 
-New output is made in a folder beside the old one, and takes its place in one step of the file
-system. A process that is killed leaves the old output or the new one. Every file is made under
-another name, which must be new, and then renamed: no link is followed, and no pipe is opened.
+A file is made under another name, which must be new, and then renamed. No link is followed, and
+no pipe is opened. A process that is killed leaves the old file or the new one. `output_folder.py`
+does the same for folders.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, suppress
-import ctypes
-import errno
-import fcntl
-import hashlib
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 import json
 import os
 from pathlib import Path
 import re
-import shutil
 import stat
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 
 from ctc_chattering.errors import as_file_error, CtcError, ParameterError
-from ctc_chattering.input_files import kind_of, read_text
+from ctc_chattering.input_files import kind_of
 
 #: Formats of figures.
 FORMATS = ('svg', 'pdf', 'png')
-#: The list of files in a folder: a line of JSON for the command, and for each file.
-LIST = '.ctc_output'
+#: Flags to open a file that others may have put there.
+NO_LINK = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 #: The name of a file or folder that is not complete.
-_PART = re.compile(r'\..*\.part', re.DOTALL)
-#: Flags with which a file is opened that others may have put there.
-_NO_LINK = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-#: Argument of renameat2: paths count from the working directory.
-_AT_FDCWD = -100
-#: Argument of renameat2: exchange two names.
-_RENAME_EXCHANGE = 2
+_INCOMPLETE = re.compile(r'\..*\.part', re.DOTALL)
 
 
 def writing(path: Path) -> AbstractContextManager[None]:
     """Turn an error of the file system into a `CtcError`."""
     return as_file_error(f'cannot write {path}')
+
+
+def incomplete_path(path: Path) -> Path:
+    """Return the path of something that is not complete."""
+    return path.with_name(f'.{path.name}.part')
+
+
+def is_incomplete(name: str) -> bool:
+    """Return whether a path, or a folder above, is incomplete."""
+    return any(map(_INCOMPLETE.fullmatch, Path(name).parts))
 
 
 def check_file(path: Path, overwrite: bool = False) -> None:
@@ -85,10 +82,10 @@ def check_file(path: Path, overwrite: bool = False) -> None:
 @contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
     """
-    Yield a stream that replaces a file when it is complete.
+    Yield a stream that replaces a complete file.
 
-    The content gets the name of the file in one step. What replaces a file is on the disk before
-    that.
+    The content gets the name of the file in one step. If it replaces a file, it is on the disk
+    before that.
 
     Parameters
     ----------
@@ -102,10 +99,10 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
 
     """
     check_file(path, overwrite=True)
-    incomplete = _part(path)
+    incomplete = incomplete_path(path)
     with writing(path):
         incomplete.unlink(missing_ok=True)
-        descriptor = os.open(incomplete, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _NO_LINK, 0o666)
+        descriptor = os.open(incomplete, os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_LINK, 0o666)
         try:
             with os.fdopen(descriptor, 'wb') as stream:
                 yield stream
@@ -116,11 +113,6 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
         except BaseException:
             incomplete.unlink(missing_ok=True)
             raise
-
-
-def _part(path: Path) -> Path:
-    """Return the name of an incomplete file or folder."""
-    return path.with_name(f'.{path.name}.part')  # As `_PART` has it.
 
 
 def write_bytes(path: Path, content: bytes) -> None:
@@ -136,503 +128,14 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode('utf-8', 'backslashreplace'))
 
 
-class FileList(NamedTuple):
-    """
-    List of the files that a command has written.
+def write_json(value: Any, path: Path) -> None:
+    """Write a file of strict JSON, with null for infinity."""
+    write_text(path, json.dumps(finite(value), indent=2, ensure_ascii=False) + '\n')
 
-    Attributes
-    ----------
-    command : str
-        Empty without a list.
-    digests : dict of str to set of str
-        Digests of every content that each file has had, as a process may have been killed between
-        two.
 
-    """
-
-    command: str
-    digests: dict[str, set[str]]
-
-    def is_own(self, folder: Path, name: str) -> bool:
-        """Return whether a file is as it was written."""
-        return _digest(folder / name) in self.digests.get(name, ())
-
-
-class FolderContents(NamedTuple):
-    """
-    Paths in a folder by owner, relative to it.
-
-    Attributes
-    ----------
-    output : list of str
-        Files of the list as the command has written them, and those that it has not completed.
-    changed : list of str
-        Files of the list that have been changed since.
-    foreign : list of str
-        All other files, links and empty folders.
-
-    """
-
-    output: list[str]
-    changed: list[str]
-    foreign: list[str]
-
-
-def read_contents(folder: Path) -> FolderContents:
-    """Return the contents of a folder."""
-    with writing(folder):
-        files = _read_list(folder)
-        contents = FolderContents([], [], [])
-        for name in _names(folder):
-            if any(map(_PART.fullmatch, Path(name).parts)):
-                contents.output.append(name)
-            elif name not in files.digests:
-                contents.foreign.append(name)
-            elif files.is_own(folder, name):
-                contents.output.append(name)
-            else:
-                contents.changed.append(name)
-    return contents
-
-
-def _read_list(folder: Path) -> FileList:
-    """Return the list of a folder, which may be empty."""
-    path, command, digests = folder / LIST, '', dict[str, set[str]]()
-    if _is_file(path):
-        for line in read_text(path).splitlines():
-            with suppress(ValueError, AttributeError, KeyError):  # Empty, or cut off.
-                entry = json.loads(line)
-                command = str(entry.get('command', command))
-                if 'file' in entry:
-                    digests.setdefault(str(entry['file']), set()).add(str(entry['sha256']))
-    return FileList(command, digests)
-
-
-def _names(folder: Path) -> Iterator[str]:
-    """Yield files, links and empty folders in order, without `LIST`."""
-    def fail(error: OSError) -> None:
-        raise error
-
-    for root, folders, files in os.walk(folder, onerror=fail):
-        below = Path(root).relative_to(folder)
-        folders.sort()
-        links = [x for x in folders if (folder / below / x).is_symlink()]
-        for name in sorted([*files, *links]):
-            if below / name != Path(LIST) or not _is_file(folder / LIST):
-                yield str(below / name)
-        if not (folders or files) and below != Path():
-            yield str(below)
-
-
-def _is_file(path: Path) -> bool:
-    """Return whether this is a regular file."""
-    return path.is_file() and not path.is_symlink()
-
-
-def _digest(path: Path) -> str:
-    """Return the digest of a file, if it is one."""
-    if not _is_file(path):
-        return ''
-    digest = hashlib.sha256()
-    with path.open('rb') as stream:
-        while block := stream.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest()
-
-
-def check_owner(path: Path, command: str) -> None:
-    """
-    Raise unless a folder is new, empty or the command's.
-
-    Raises
-    ------
-    CtcError
-        If it is not, or contains more than the output of a command. The message says what to do.
-
-    """
-    with writing(path):
-        if path.is_symlink() and not path.exists():
-            raise CtcError(f'{path}: is a link to nothing; choose another --out')
-        _check_not_shared(path)
-        if not path.exists():
-            return
-        mode = path.stat().st_mode
-        if not stat.S_ISDIR(mode):
-            raise CtcError(f'{path}: is {kind_of(mode)}, not a folder; choose another --out')
-        owner, first = _read_list(path).command, next(_names(path), '')
-    if first and not owner:
-        raise CtcError(f'{path}: contains {first}, and no list of what ctc has written; choose '
-                       'a new or an empty folder as --out')
-    if first and owner != command:
-        raise CtcError(f'{path}: has the output of {owner}, which {command} does not replace; '
-                       'choose another --out')
-
-
-def _check_not_shared(path: Path) -> None:
-    """Raise `CtcError` for a folder that commands must not own."""
-    resolved = path.resolve()
-    shared = {'the working directory': Path.cwd()}
-    with suppress(RuntimeError):  # A user may have no home.
-        shared['the home folder'] = Path.home()
-    reasons = [f'is {name}, or above it' for name, folder in shared.items()
-               if resolved in (folder.resolve(), *folder.resolve().parents)]
-    if os.path.ismount(resolved):
-        reasons.append('is the top of a file system')
-    if reasons:
-        raise CtcError(f'{path}: {reasons[0]}; choose a folder for the output alone, such as '
-                       f'--out {path / "output"}')
-
-
-def _check_writable(path: Path) -> None:
-    """Raise `CtcError` unless a folder can be made beside this one."""
-    with writing(path):
-        folder = _part(path.resolve())
-        missing = [x for x in (folder, *folder.parents) if not x.exists()]
-        folder.mkdir(parents=True, exist_ok=True)
-        for folder in missing:
-            folder.rmdir()
-
-
-def check_folder(path: Path, command: str, overwrite: bool = False) -> None:
-    """
-    Raise unless a command may write to this folder.
-
-    Parameters
-    ----------
-    path : Path
-        The folder. It is new, or empty, or one that the same command has written.
-    command : str
-        Such as ``ctc plot``.
-    overwrite : bool
-        Whether output that is there may be replaced.
-
-    Raises
-    ------
-    CtcError
-        If it may not, or cannot. The message says what to do.
-
-    """
-    check_owner(path, command)
-    _check_writable(path)
-    if not path.exists():
-        return
-    contents = read_contents(path)
-    written = [*contents.output, *contents.changed]
-    if written and not overwrite:
-        raise CtcError(f'{path / written[0]}: exists already; choose another --out, or '
-                       '--overwrite')
-    if contents.changed:
-        raise CtcError(f'{path / contents.changed[0]}: was changed since {command} wrote it; move '
-                       'it away, or choose another --out')
-
-
-class OutputFolder:
-    """
-    A folder that only this process writes.
-
-    Parameters
-    ----------
-    path : Path
-        The folder.
-    command : str
-        The command that writes it.
-    stream : BinaryIO
-        Its list, open and locked.
-
-    """
-
-    def __init__(self, path: Path, command: str, stream: BinaryIO) -> None:
-        self.path, self.command, self._stream = path, command, stream
-        self._note(command=command)
-
-    @contextmanager
-    def replacing(self, name: str) -> Iterator[BinaryIO]:
-        """
-        Yield a stream for a file as `replacing` does.
-
-        The list has the file before it has its name.
-
-        Raises
-        ------
-        CtcError
-            If there is a file that this command has not written, or that was changed since.
-
-        """
-        self._check_own(name)
-        path = self.path / name
-        with writing(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as stream:
-            yield stream
-            stream.flush()
-            os.fsync(stream.fileno())
-            self._note(file=name, sha256=_digest(_part(path)))
-
-    @contextmanager
-    def replacing_files(self) -> Iterator[Path]:
-        """
-        Yield an empty folder whose files replace those here.
-
-        They take their places when the context ends.
-
-        Raises
-        ------
-        CtcError
-            As `replacing` does.
-
-        """
-        scratch = self.path / '.files.part'
-        with writing(scratch):
-            if scratch.is_dir() and not scratch.is_symlink():
-                shutil.rmtree(scratch)
-            scratch.unlink(missing_ok=True)
-            scratch.mkdir()
-        yield scratch
-        with writing(self.path):
-            for name in list(_names(scratch)):
-                self._check_own(name)
-                self._note(file=name, sha256=_digest(scratch / name))
-                (self.path / name).parent.mkdir(parents=True, exist_ok=True)
-                (scratch / name).replace(self.path / name)
-            shutil.rmtree(scratch)
-
-    def begin(self) -> None:
-        """Remove all files, and begin a new list."""
-        with writing(self.path):
-            for path in self.path.iterdir():
-                if path.is_dir() and not path.is_symlink():
-                    shutil.rmtree(path)
-                elif path.name != LIST:
-                    path.unlink()
-            self._stream.truncate(0)
-        self._note(command=self.command)
-
-    def take_place(self, path: Path) -> None:
-        """
-        Give this folder the name of the old output, which goes.
-
-        Before that, files of the user there get a second name here.
-
-        Raises
-        ------
-        CtcError
-            If a file of the user has the name of a new one.
-
-        """
-        with writing(path):
-            for name in _names(self.path):
-                self._note(file=name, sha256=_digest(self.path / name))
-            if not os.path.lexists(path) or not any(path.iterdir()):
-                self.path.rename(path)
-                return
-            for name in _names(self.path):
-                _sync(self.path / name)
-            contents = read_contents(path)
-            kept = [*contents.changed, *contents.foreign]
-            for name in kept:
-                self._keep(path / name, self.path / name)
-            shutil.copymode(path, self.path)
-            _exchange(self.path, path)
-        with suppress(OSError):  # What remains is hidden, and the next output takes its place.
-            _remove(self.path, [*contents.output, *kept])
-
-    def _keep(self, path: Path, target: Path) -> None:
-        """Give a user's file or empty folder a second name."""
-        try:
-            if path.is_dir() and not path.is_symlink():
-                target.mkdir(parents=True, exist_ok=True)
-                return
-            target.parent.mkdir(parents=True, exist_ok=True)
-            os.link(path, target, follow_symlinks=False)
-        except (FileExistsError, NotADirectoryError):
-            raise CtcError(f'{path}: has the name of a file that {self.command} writes; move it '
-                           'away, or choose another --out') from None
-        except OSError as error:
-            raise CtcError(f'{path}: cannot stay beside the new output: {error.strerror}; move it '
-                           'away, or choose another --out') from None
-
-    def _check_own(self, name: str) -> None:
-        """Raise `CtcError` if a file is not as the command wrote it."""
-        path = self.path / name
-        for parent in (*reversed(path.relative_to(self.path).parents), Path(name)):
-            if parent != Path() and (self.path / parent).is_symlink():
-                raise CtcError(
-                    f'{self.path / parent}: is a link, which is not followed; remove it')
-        if os.path.lexists(path) and not _read_list(self.path).is_own(self.path, name):
-            raise CtcError(f'{path}: is not as {self.command} wrote it; move it away, or choose '
-                           'another --out')
-
-    def _note(self, **entry: str) -> None:
-        """Add an entry to the list."""
-        with writing(self.path / LIST):
-            # On a line of its own, also after an entry that was cut off.
-            self._stream.write(f'\n{json.dumps(entry)}\n'.encode())
-
-
-def _sync(path: Path) -> None:
-    """Flush a file to the disk."""
-    if _is_file(path):
-        descriptor = os.open(path, os.O_RDONLY | _NO_LINK)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
-
-
-def _exchange(first: Path, second: Path) -> None:
-    """
-    Let two folders have each other's name.
-
-    Where the file system cannot do it in one step, as NFS, one of them has no name in between.
-    """
-    rename = getattr(ctypes.CDLL(None, use_errno=True), 'renameat2', None)
-    names = os.fsencode(first), os.fsencode(second)
-    if rename is None:
-        number = errno.ENOSYS
-    elif rename(_AT_FDCWD, names[0], _AT_FDCWD, names[1], _RENAME_EXCHANGE) == 0:
-        return
-    else:
-        number = ctypes.get_errno()
-    if number not in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP):
-        raise OSError(number, os.strerror(number))
-    aside = first.with_name(f'{first.name}.old')
-    second.rename(aside)
-    first.rename(second)
-    aside.rename(first)
-
-
-def _remove(folder: Path, names: Sequence[str]) -> None:
-    """Remove these files, and the folder if nothing else is in it."""
-    for name in names:
-        with suppress(IsADirectoryError):
-            (folder / name).unlink(missing_ok=True)
-    for root, _, _ in os.walk(folder, topdown=False):
-        if Path(root) == folder:  # Without its list, nobody would know whose it is.
-            (folder / LIST).unlink()
-        Path(root).rmdir()
-
-
-@contextmanager
-def held(path: Path, command: str) -> Iterator[OutputFolder]:
-    """
-    Hold a folder for this process, however that ends.
-
-    It is made if it does not exist.
-
-    Parameters
-    ----------
-    path : Path
-        A folder that `check_owner` allows.
-    command : str
-        The command that writes it.
-
-    Raises
-    ------
-    CtcError
-        If another process holds it, or it cannot be written.
-
-    """
-    with writing(path):
-        path.mkdir(parents=True, exist_ok=True)
-        for link in filter(Path.is_symlink, (path, path / LIST)):
-            raise CtcError(f'{link}: is a link, which is not followed; remove it')
-        descriptor = os.open(path / LIST, os.O_RDWR | os.O_CREAT | os.O_APPEND | _NO_LINK, 0o666)
-    with os.fdopen(descriptor, 'r+b', buffering=0) as stream:
-        _lock(stream, path)
-        yield OutputFolder(path, command, stream)
-
-
-def _lock(stream: BinaryIO, path: Path) -> None:
-    """Lock the list of a folder, or raise `CtcError`."""
-    status = os.fstat(stream.fileno())
-    if not stat.S_ISREG(status.st_mode):
-        raise CtcError(f'{path / LIST}: is {kind_of(status.st_mode)}; remove it')
-    with writing(path):
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            # Another process may have moved the folder meanwhile.
-            locked = os.path.samestat(status, (path / LIST).stat())
-        except (BlockingIOError, FileNotFoundError):
-            locked = False
-        if not locked:
-            raise CtcError(f'{path}: another process is writing there; wait until it ends, or '
-                           'choose another --out')
-
-
-def claim(path: Path, command: str, name: str) -> Path:
-    """
-    Return a folder for a user's files in a command's folder.
-
-    Both are made if necessary.
-
-    Raises
-    ------
-    CtcError
-        As `check_owner` does, if there is a link in its place, or it cannot be made.
-
-    """
-    check_owner(path, command)
-    folder = path / name
-    if not _read_list(path).command:
-        with held(path.resolve(), command):
-            pass
-    with writing(folder):
-        folder.mkdir(exist_ok=True)
-        if folder.is_symlink():
-            raise CtcError(f'{folder}: is a link, which is not followed; remove it')
-    return folder
-
-
-@contextmanager
-def beside(path: Path, command: str) -> Iterator[OutputFolder]:
-    """
-    Hold the folder of the new output.
-
-    The output gets the name `path` later. The folder may have what a process that was killed has
-    made.
-
-    Raises
-    ------
-    CtcError
-        As `held` does, or if the folder has files and no list of them.
-
-    """
-    incomplete = _part(path.resolve())
-    with writing(path):
-        incomplete.mkdir(parents=True, exist_ok=True)
-        owner = _read_list(incomplete).command
-    check_owner(incomplete, owner or command)
-    with held(incomplete, command) as folder:
-        yield folder
-
-
-@contextmanager
-def new_folder(path: Path, command: str, overwrite: bool = False) -> Iterator[Path]:
-    """
-    Yield an empty folder that replaces the old output.
-
-    It gets the name `path` when the context ends without an error.
-
-    Parameters
-    ----------
-    path, command, overwrite
-        As `check_folder` takes them.
-
-    Raises
-    ------
-    CtcError
-        As `check_folder` does, if another process writes there, or the folder cannot be written.
-
-    """
-    check_folder(path, command, overwrite)
-    with beside(path, command) as folder:
-        folder.begin()
-        try:
-            yield folder.path
-            folder.take_place(path.resolve())
-        except BaseException:
-            shutil.rmtree(folder.path, ignore_errors=True)
-            raise
+def finite(value: Any) -> Any:
+    """Return a value of JSON, with None for numbers not finite."""
+    return json.loads(json.dumps(value, default=lambda x: x.item()), parse_constant=lambda _: None)
 
 
 def check_format(extra: str) -> None:
@@ -655,16 +158,7 @@ def file_stem(text: str, used: set[str] | None = None) -> str:
     """
     used = set() if used is None else used
     stem = re.sub(r'[^\w.-]+', '_', text).strip('_.')[:120] or 'run'
-    stem = stem if stem not in used else f'{stem}_{len(used) + 1}'
+    if stem in used:
+        stem = f'{stem}_{len(used) + 1}'
     used.add(stem)
     return stem
-
-
-def write_json(value: Any, path: Path) -> None:
-    """Write a file of strict JSON, with null for infinity."""
-    write_text(path, json.dumps(finite(value), indent=2, ensure_ascii=False) + '\n')
-
-
-def finite(value: Any) -> Any:
-    """Return a value of JSON, with None for numbers not finite."""
-    return json.loads(json.dumps(value, default=lambda x: x.item()), parse_constant=lambda _: None)

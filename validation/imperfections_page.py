@@ -34,7 +34,8 @@ from ctc_chattering.analysis.drawing import legend
 from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.analysis.metrics import within
 from ctc_chattering.analysis.page import FigureFile
-from ctc_chattering.analysis.result import LAW_COLOURS, simulate
+from ctc_chattering.analysis.result import simulate
+from ctc_chattering.analysis.run_names import LAW_COLOURS
 from ctc_chattering.analysis.tables import markdown, markdown_table, Table
 from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.control.laws.registry import LAWS, SWITCHINGS
@@ -63,7 +64,7 @@ from imperfections import (
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, NullFormatter
 import numpy as np
 from PIL import Image
 
@@ -117,6 +118,15 @@ def sweep(outcomes: Sequence[CaseOutcome], groups: Sequence[str], title: str, xl
     return figure
 
 
+def _end_at_decades(ax: Axes, values: Sequence[float]) -> None:
+    """Let the logarithmic axis of x begin and end at whole decades, with labels there only."""
+    positive = [x for x in values if 0.0 < x < np.inf]
+    if positive:
+        ax.set_xlim(10.0 ** np.floor(np.log10(min(positive) / 1.15)),
+                    10.0 ** np.ceil(np.log10(max(positive) * 1.15)))
+    ax.xaxis.set_minor_formatter(NullFormatter())
+
+
 def overview(outcomes: Sequence[CaseOutcome], title: str) -> Figure:
     """Draw both quantities of every case in `outcomes`, a line per case, a mark per variant."""
     table, look = rows(outcomes), _styles(outcomes)
@@ -147,7 +157,7 @@ def overview(outcomes: Sequence[CaseOutcome], title: str) -> Figure:
         for y, (before, case) in enumerate(itertools.pairwise(cases)):
             if case.group != before.group:
                 ax.axhline(y + 0.5, color='#999999', linewidth=0.6)
-        drawing.decades(ax, 'x', [x[1] for o in outcomes if (x := getattr(o.score, key))])
+        _end_at_decades(ax, [x[1] for o in outcomes if (x := getattr(o.score, key))])
         ax.set_yticks(range(len(table)), [''] * len(table) if column else names)
         ax.tick_params(axis='y', length=0, labelsize=8)
     _legend(figure, outcomes)

@@ -13,9 +13,10 @@
 # limitations under the License.
 
 """
-HTML of all pages: what is put into a template is escaped, unless it is `Markup` already.
+HTML of all pages, from templates of jinja2.
 
-Plots of pages are of uPlot for axes, and our script for the rest.
+Values of a template are escaped, unless they are `Markup`. Plots of pages use uPlot for axes, and
+scripts of this package for the rest.
 """
 
 from __future__ import annotations
@@ -23,17 +24,15 @@ from __future__ import annotations
 from functools import lru_cache
 from importlib.resources import files
 import json
-import math
 import os
 from typing import Any
 from urllib.parse import quote
 
+from ctc_chattering.number_format import format_decimal
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from markupsafe import escape, Markup
 
 __all__ = ['Markup', 'asset', 'component', 'fragment', 'page', 'url']
-#: What is put together, in this order; it becomes the object `ctcPlots` of the page.
-_SCRIPTS = ('samples.js', 'panel.js', 'svg.js', 'plots.js')
 
 
 def _source(name: str) -> str:
@@ -42,12 +41,18 @@ def _source(name: str) -> str:
     return files(package).joinpath(file).read_text('utf-8')
 
 
-_ENVIRONMENT = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-                           lstrip_blocks=True, loader=FunctionLoader(_source))
+_ENVIRONMENT = Environment(
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    loader=FunctionLoader(_source),
+)
 
 
 @lru_cache(maxsize=256)
 def _compiled(source: str) -> Template:
+    """Return a template, compiled once."""
     return _ENVIRONMENT.from_string(source)
 
 
@@ -58,62 +63,87 @@ def fragment(source: str, /, **values: Any) -> Markup:
     Parameters
     ----------
     source : str
-        Template of jinja2; a constant of the package, never text from outside.
+        Template of jinja2: a constant of the package, never text from outside.
     **values : Any
-        What it names. Everything is escaped that is not `Markup`.
+        Values of its variables. Everything is escaped that is not `Markup`.
 
     Raises
     ------
     jinja2.UndefinedError
-        If it names something that is not given.
+        If a variable has no value.
 
     """
     return Markup(_compiled(source).render(**values))
 
 
 def page(package: str, template: str, **values: Any) -> Markup:
-    """Return the page of a template that is a file of `package`, with values as `fragment`."""
+    """
+    Return a page.
+
+    Its template is a file of `package`. Values are treated as by `fragment`.
+    """
     return Markup(_ENVIRONMENT.get_template(f'{package}/{template}').render(**values))
 
 
 def asset(package: str, name: str) -> Markup:
-    """Return a style or script, a file of `package`, as it is."""
+    """Return a style or script of `package`, unchanged."""
     return Markup(_source(f'{package}/{name}'))
 
 
 @lru_cache
 def component() -> Markup:
-    """Return style and script of the plots for the head of a page; see plots.js for their use."""
-    def read(name: str) -> str:
-        return asset('ctc_chattering.analysis', f'web/{name}')
+    """
+    Return style and script of the plots for a page's head.
 
-    style = read('uPlot.min.css') + read('plots.css')
-    own = '\n'.join(map(read, _SCRIPTS))
-    return Markup(f'<style>{style}</style>\n<script>\n/*{read("uPlot.LICENSE")}*/\n'
-                  f'{read("uPlot.iife.min.js")}\nconst ctcPlots = (() => {{\n"use strict";\n{own}'
-                  'return { mount: (...given) => new Plots(...given), inflated };\n})();\n'
-                  '</script>')
+    The script defines the object `ctcPlots`, which plots.js describes.
+    """
+    read = {
+        name: asset('ctc_chattering.analysis', f'web/{name}')
+        for name in (
+            'uPlot.min.css',
+            'plots.css',
+            'uPlot.LICENSE',
+            'uPlot.iife.min.js',
+            'samples.js',
+            'panel.js',
+            'svg.js',
+            'plots.js',
+        )
+    }
+    return fragment(
+        '<style>{{ read["uPlot.min.css"] }}{{ read["plots.css"] }}</style>\n<script>\n'
+        '/*{{ read["uPlot.LICENSE"] }}*/\n{{ read["uPlot.iife.min.js"] }}\n'
+        'const ctcPlots = (() => {\n"use strict";\n{{ read["samples.js"] }}\n'
+        '{{ read["panel.js"] }}\n{{ read["svg.js"] }}\n{{ read["plots.js"] }}'
+        'return { mount: (...given) => new Plots(...given), inflated };\n})();\n</script>',
+        read=read,
+    )
 
 
 def url(path: str) -> str:
-    """Return the address of a file by its path relative to the page; never one with a scheme."""
+    """
+    Return the address of a file by its relative path.
+
+    It never has a scheme.
+    """
     return quote(os.fsencode(path))
 
 
 def _breakable(text: str) -> Markup:
-    """Return text that may go on in another line after an underscore."""
+    """Return text that may break after an underscore."""
     return escape(text).replace('_', Markup('_<wbr>'))
 
 
 def in_html(value: float | None) -> Markup:
-    """Return a number to three digits, with the exact value in the attribute."""
+    """
+    Return a number to three digits.
+
+    The attribute of its element has the exact value.
+    """
     if value is None:
         return Markup('<span class="none" title="none">–</span>')
-    if 1e-5 <= abs(value) < 1e7:
-        text = f'{value:.{max(0, 2 - math.floor(math.log10(abs(value))))}f}'
-    else:
-        text = f'{value:.2e}' if value else '0'
-    return Markup('<data value="{!r}">{}</data>').format(value, text.replace('-', '−'))
+    text = format_decimal(value).replace('-', '−')
+    return Markup('<data value="{!r}">{}</data>').format(value, text)
 
 
 _ENVIRONMENT.filters.update(number=in_html, url=url, json=json.dumps, breakable=_breakable)

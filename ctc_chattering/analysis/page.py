@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The page of a command: sections of tables, figures and plots, an index, and what was run."""
+"""
+The page of every command: sections of tables, figures, cards and plots.
+
+Commands describe a page by the records here, and `write_page` makes it of ``web/page.html``. All
+texts are escaped, unless they are `Markup`.
+"""
 
 from __future__ import annotations
 
@@ -30,8 +35,6 @@ from ctc_chattering.analysis.tables import Table
 from ctc_chattering.output_files import write_text
 
 _PACKAGE = 'ctc_chattering.analysis'
-#: Entries from which on a page has an index.
-_INDEXED = 6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,20 +47,20 @@ class FigureFile:
     path : Path
         The file that a page shows.
     title, caption : str
-        What it shows, and under which condition.
-    others : tuple of Path
-        The same in other formats.
+        Title, and a description with the conditions of what is shown.
+    copies : tuple of Path
+        The figure in other formats.
     size : (float, float), optional
         Width and height [pixel].
     group : str
-        Name of the run whose figures are shown together; empty for none.
+        Name of the run whose figures are shown together, or '' for none.
 
     """
 
     path: Path
     title: str
     caption: str
-    others: tuple[Path, ...] = ()
+    copies: tuple[Path, ...] = ()
     size: tuple[float, float] | None = None
     group: str = ''
 
@@ -69,11 +72,11 @@ class Card(NamedTuple):
     Attributes
     ----------
     title, big : str
-        What it is about, and the result.
+        Subject, and result.
     texts, fine : sequence of str
         Paragraphs, and small ones.
     severity : int, optional
-        0 to 2 for a verdict: its colour.
+        Colour of a verdict, 0 to 2.
 
     """
 
@@ -91,7 +94,11 @@ class Cards(NamedTuple):
 
 
 class Note(NamedTuple):
-    """A paragraph, by default one that asks for attention; `name` is bold before it."""
+    """
+    A paragraph, by default one that asks for attention.
+
+    `name` is bold before it.
+    """
 
     text: str
     name: str = ''
@@ -118,7 +125,7 @@ class PlottedRun(NamedTuple):
     colour : str
         Its colour, ``#rrggbb``.
     received : bool
-        Whether torques stand at times of reception, from which no rate or spectrum follows.
+        Torques have times of reception. No rate or spectrum follows from these.
 
     """
 
@@ -130,7 +137,7 @@ class PlottedRun(NamedTuple):
 
 class SignalPlots(NamedTuple):
     """
-    Plots of runs, of which the user chooses signals, joints and times.
+    Plots whose signals, joints and times the user chooses.
 
     Attributes
     ----------
@@ -139,9 +146,9 @@ class SignalPlots(NamedTuple):
     joints, units : sequence of str
         Names, and units of the positions.
     runs : sequence of PlottedRun
-        Of the same joints.
+        Runs of the same joints.
     signals : sequence of str
-        Chosen at first, by the names of ``web/plots.js``.
+        Signals that are shown at first, by the names of ``web/plots.js``.
     settled : float
         The time before does not scale the axes while later ones are shown [s].
     mark : float, optional
@@ -160,41 +167,47 @@ class SignalPlots(NamedTuple):
 
 
 class Folded(NamedTuple):
-    """Items that are shown by a click on the title."""
+    """Items that a click on the title shows."""
 
     title: str
     items: Sequence[Item]
     opened: bool = False
 
 
-#: What a section consists of.
+#: Content of a section.
 Item = Table | FigureFile | Cards | Note | Listing | SignalPlots | Folded
 
 
 class Section(NamedTuple):
-    """A part of a page, with a heading."""
+    """A heading with items below it."""
 
     title: str
     items: Sequence[Item]
 
 
-def write_page(path: Path, headline: str, lead: str, sections: Sequence[Section],
-               links: Sequence[tuple[str, str]] = (), command: str = '') -> None:
+def write_page(
+    path: Path,
+    headline: str,
+    lead: str,
+    sections: Sequence[Section],
+    links: Sequence[tuple[str, str]] = (),
+    command: str = '',
+) -> None:
     """
-    Write a page; everything is text, and escaped, unless it is `Markup`.
+    Write a page.
 
     Parameters
     ----------
     path : Path
-        The page; figures and samples are linked relative to it.
+        The page. Links to figures and samples are relative to it.
     headline, lead : str
-        Its title, and what it is about.
+        Title and introduction.
     sections : sequence of Section
         Those without items are left out. Figures and plots are numbered.
     links : sequence of (str, str)
-        To data: path relative to the page, and text.
+        Links to data: path relative to the page, and text.
     command : str
-        What was run; left out for none.
+        The command line that the page shows, or ''.
 
     Raises
     ------
@@ -202,63 +215,110 @@ def write_page(path: Path, headline: str, lead: str, sections: Sequence[Section]
         If the file cannot be written.
 
     """
-    numbers, anchors = count(1), count(1)
-    shown: list[dict[str, Any]] = []
-    for title, items in sections:
-        if items:
-            parts = [_part(x, path.parent, numbers, anchors) for x in items]
-            shown.append({'title': title, 'anchor': f'section{len(shown) + 1}', 'parts': parts,
-                          'index': [entry for part in parts for entry in _entries(part)]})
-    plots = any(isinstance(x, SignalPlots) for _, items in sections for x in items)
-    write_text(path, markup.page(
-        _PACKAGE, 'web/page.html', headline=headline, lead=lead, sections=shown, links=links,
-        command=command, version=ctc_chattering.__version__, style=_own('page.css'),
-        script=_own('page.js'), component=markup.component() if plots else '',
-        index=sum(1 + len(x['index']) for x in shown) >= _INDEXED))
+    filler = _TemplateFiller(path.parent)
+    shown = [filler.section(k, x) for k, x in enumerate((x for x in sections if x.items), 1)]
+    entries = sum(1 + len(x['index']) for x in shown)
+    styles = {
+        name: markup.asset(_PACKAGE, f'web/page.{ending}')
+        for name, ending in (('style', 'css'), ('script', 'js'))
+    }
+    write_text(
+        path,
+        markup.page(
+            _PACKAGE,
+            'web/page.html',
+            headline=headline,
+            lead=lead,
+            sections=shown,
+            links=links,
+            command=command,
+            version=ctc_chattering.__version__,
+            index=entries >= 6,
+            **styles,
+            component=markup.component() if filler.has_plots else '',
+        ),
+    )
 
 
-def _own(name: str) -> Markup:
-    return markup.asset(_PACKAGE, f'web/{name}')
+class _TemplateFiller:
+    """
+    Values of the page's template, with numbers and anchors of all items.
+
+    Parameters
+    ----------
+    root : Path
+        Folder of the page.
+
+    """
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        self._numbers, self._anchors = count(1), count(1)
+        self.has_plots = False
+
+    def section(self, number: int, section: Section) -> dict[str, Any]:
+        """Return a section, with the entries of its items in the index: anchor and text."""
+        items = [self._item(x) for x in section.items]
+        return {
+            'title': section.title,
+            'anchor': f'section{number}',
+            'items': items,
+            'index': [(x['anchor'], x['entry']) for x in items if x['entry']],
+        }
+
+    def _item(self, item: Item) -> dict[str, Any]:
+        """Return an item with what the template cannot compute."""
+        title = getattr(item, 'title', '')
+        entry = title.striptags() if isinstance(title, Markup) else title
+        values: dict[str, Any] = {'kind': type(item).__name__, 'value': item}
+        if isinstance(item, FigureFile | SignalPlots):
+            number = next(self._numbers)
+            values |= {
+                'number': number,
+                'anchor': f'figure{number}',
+                'entry': f'Figure {number}. {entry}',
+            }
+        else:
+            values |= {'anchor': f'part{next(self._anchors)}', 'entry': entry}
+        if isinstance(item, FigureFile):
+            values['links'] = [self._relative(x) for x in (item.path, *item.copies)]
+        elif isinstance(item, SignalPlots):
+            self.has_plots = True
+            runs = [
+                {
+                    'name': x.name,
+                    'key': x.path.stem,
+                    'colour': x.colour,
+                    'received': x.received,
+                    'path': markup.url(self._relative(x.path)),
+                }
+                for x in item.runs
+            ]
+            values['data'] = {
+                'joints': item.joints,
+                'units': item.units,
+                'mark': item.mark,
+                'settled': item.settled,
+                'signals': item.signals,
+                'runs': runs,
+            }
+        elif isinstance(item, Table):
+            values['spans'] = list(_row_spans(item.rows))
+        elif isinstance(item, Folded):
+            values['items'] = [self._item(x) for x in item.items]
+        return values
+
+    def _relative(self, path: Path) -> str:
+        """Return a path relative to the page."""
+        return Path(os.path.relpath(path, self._root)).as_posix()
 
 
-def _part(item: Item, root: Path, numbers: Iterator[int], anchors: Iterator[int]
-          ) -> dict[str, Any]:
-    """Return an item as the template has it: with its number, links from `root`, anchor."""
-    part: dict[str, Any] = {'kind': type(item).__name__, 'value': item}
-    if isinstance(item, FigureFile | SignalPlots):
-        part['number'] = next(numbers)
-        part['anchor'] = f'figure{part["number"]}'
-    else:
-        part['anchor'] = f'part{next(anchors)}'
-    if isinstance(item, FigureFile):
-        part.update(links=[_relative(x, root) for x in (item.path, *item.others)], size=item.size)
-    if isinstance(item, SignalPlots):
-        part['data'] = {
-            'joints': item.joints, 'units': item.units, 'mark': item.mark,
-            'settled': item.settled, 'signals': item.signals, 'runs': [
-                {'name': x.name, 'key': x.path.stem, 'colour': x.colour, 'received': x.received,
-                 'path': markup.url(_relative(x.path, root))} for x in item.runs]}
-    if isinstance(item, Table):
-        part['spans'] = list(_spans(item.rows))
-    if isinstance(item, Folded):
-        part['parts'] = [_part(x, root, numbers, anchors) for x in item.items]
-    return part
+def _row_spans(rows: Sequence[Sequence[str]]) -> Iterator[int]:
+    """
+    Yield the number of rows that each row's name spans.
 
-
-def _spans(rows: Sequence[Sequence[str]]) -> Iterator[int]:
-    """Yield for each row how many it names, with those below that have no name; 0 for these."""
+    It spans the rows below that have no name. These have 0.
+    """
     starts = [k for k, row in enumerate(rows) if row[0] or not k]
     for start, end in pairwise([*starts, len(rows)]):
         yield from (end - start, *[0] * (end - start - 1))
-
-
-def _entries(part: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield anchor and text of an item's entry of the index, if it has one."""
-    title = getattr(part['value'], 'title', '')
-    if title:
-        text = title.striptags() if isinstance(title, Markup) else title
-        yield part['anchor'], f'Figure {part["number"]}. {text}' if 'number' in part else text
-
-
-def _relative(path: Path, root: Path) -> str:
-    return Path(os.path.relpath(path, root)).as_posix()

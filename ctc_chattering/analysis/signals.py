@@ -13,10 +13,11 @@
 # limitations under the License.
 
 """
-Signals of a run: each at times of its own, with where its samples come from.
+Signals of a run, each with its times and the origin of its samples.
 
-A signal of a bag is drawn as it was recorded, at its own rate. One that is computed from what was
-recorded is computed exactly, or not at all.
+A signal of a bag is drawn as it was recorded, at its own rate. A signal that is computed from the
+recording is computed exactly, or not at all. Pages take samples as bytes (`packed`), as text
+(`coded`), or as short text (`compressed`).
 """
 
 from __future__ import annotations
@@ -51,9 +52,9 @@ class Series(NamedTuple):
     values : ndarray, shape (N, columns)
         A column a joint, or one in all; nan where a sample is not known.
     origin : SignalOrigin
-        Of all samples.
+        Origin of all samples.
     received : bool
-        Whether `t` are times of reception: the messages have no stamps. Each value is in force
+        Times are those of reception, because the messages have no stamps. Each value is in force
         until the next one.
 
     """
@@ -65,117 +66,136 @@ class Series(NamedTuple):
 
     @property
     def step(self) -> float:
-        """Return the usual time between two samples [s]; 0 with fewer than two."""
+        """Usual time between two samples [s], or 0."""
         return float(np.median(np.diff(self.t))) if len(self.t) > 1 else 0.0
 
 
 #: Parts of a torque as the controller publishes them: nominal + compensation + robust.
 PARTS = ('nominal', 'compensation', 'robust')
-#: Signals that differ less than 32 bits tell: q of q_d, and one time of the next.
+#: Signals that need 64 bits, since samples differ by less than 32 bits can tell.
 _EXACT = ('t', 'q', 'q_d')
-#: Step to which files of pages round positions: 9e-10 rad, less than any encoder has.
-_POSITION_STEP = 2.0 ** -30
-#: Step to which times of a long run are rounded [s].
-_TIME_STEP = 2.0 ** -20
-#: Bits of a number of 32 that are left out then: it differs by at most 1.5e-5 of itself.
-_DROPPED = 8
-#: Strength of the compression: one less is a fortieth larger, one more takes twice as long.
-_LEVEL = 8
 
 
 def by_times(signals: Mapping[str, Series]) -> list[tuple[Array, dict[str, Array]]]:
-    """Return signals that have the same times together: times, and values by name."""
+    """
+    Return signals of the same times together.
+
+    Each group has times, and values by name. Signals without samples are left out.
+    """
     groups: list[tuple[Array, dict[str, Array]]] = []
     for name, series in signals.items():
-        for t, values in groups:
-            if t is series.t or np.array_equal(t, series.t):
-                values[name] = series.values
-                break
-        else:
-            groups.append((series.t, {name: series.values}))
+        values = next(
+            (values for t, values in groups if t is series.t or np.array_equal(t, series.t)), None
+        )
+        if values is None:
+            values = {}
+            groups.append((series.t, values))
+        values[name] = series.values
     return [group for group in groups if len(group[0])]
+
+
+class _Column(NamedTuple):
+    """Numbers of one signal and joint, of 64 bits for `_EXACT`, or else of 32."""
+
+    name: str
+    joint: int
+    numbers: Any
 
 
 def packed(t: Array, signals: Mapping[str, Array], **head: Any) -> bytes:
     """
     Return samples as the script reads them.
 
-    Four bytes with the length of the head, the head in JSON, then the columns, each beginning at
-    a multiple of eight bytes: 64 bits a number for `t`, `q` and `q_d`, 32 for the others.
+    Four bytes have the length of the head. The head in JSON follows, then the columns. Each
+    begins at a multiple of eight bytes.
 
     Parameters
     ----------
     t : ndarray, shape (N,)
         Times [s].
     signals : mapping of str to ndarray, shape (N,) or (N, n)
-        By the names that plots.js lists.
+        Values by the names that plots.js lists.
     **head : Any
-        More for the head: ``run``, number of the run, and ``fresh``; see `append` in plots.js.
+        Further values of the head: ``run``, number of the run, and ``fresh``; see `append` in
+        plots.js.
 
     """
     columns = _columns(t, signals)
-    return _head(columns, head) + b''.join(_filled(x.tobytes()) for _, _, x in columns)
+    return _head(columns, head) + b''.join(_pad(x.numbers.tobytes()) for x in columns)
 
 
 def coded(t: Array, signals: Mapping[str, Array]) -> str:
-    """Return `packed` samples as text, for `packed` of a run in a page."""
+    """Return `packed` samples as text."""
     return base64.b64encode(packed(t, signals)).decode()
 
 
 def compressed(t: Array, signals: Mapping[str, Array], is_rounded: bool = False) -> str:
     """
-    Return samples as text that `inflated` of samples.js makes `packed` samples of.
+    Return samples as short text, for `inflated` of samples.js.
 
-    Bits of a column are taken as whole numbers, of which second differences are small where a
-    signal is smooth, and written byte by byte: those of lowest value first.
+    Bits of a column are taken as whole numbers. Their second differences are small where a signal
+    is smooth. These are written byte by byte: those of lowest value first.
 
     Parameters
     ----------
     t, signals
         As of `packed`.
     is_rounded : bool
-        Whether times are rounded to a microsecond, and numbers of 32 bits by at most
-        1.5e-5 of each.
+        Round times to a microsecond, and numbers of 32 bits by at most 1.5e-5 of each.
 
     """
     if is_rounded:
-        t = np.round(t / _TIME_STEP) * _TIME_STEP
-    columns = _columns(t, {
-        name: np.round(x / _POSITION_STEP) * _POSITION_STEP if name in _EXACT else x
-        for name, x in signals.items()})
-    stream = zlib.compressobj(_LEVEL, memLevel=9)
+        t = _round_to(2.0**-20, t)
+    # No encoder resolves the step of positions, 9e-10 rad.
+    columns = _columns(
+        t, {name: _round_to(2.0**-30, x) if name in _EXACT else x for name, x in signals.items()}
+    )
+    # One level less is a fortieth larger, one more takes twice as long.
+    stream = zlib.compressobj(8, memLevel=9)
     data = []
-    for _, _, column in columns:
-        bits = column.view(f'<u{column.itemsize}')
-        if is_rounded and column.itemsize == 4:
-            bits = (bits + np.uint32(1 << _DROPPED - 1)) >> _DROPPED << _DROPPED
+    for _, _, numbers in columns:
+        bits = numbers.view(f'<u{numbers.itemsize}')
+        if is_rounded and numbers.itemsize == 4:
+            dropped = 8  # Bits without which a number differs by at most 1.5e-5 of itself.
+            bits = (bits + np.uint32(1 << dropped - 1)) >> dropped << dropped
         for _ in range(2):
             bits = np.diff(bits, prepend=bits.dtype.type(0))
-        data.append(stream.compress(
-            bits.view(np.uint8).reshape(-1, column.itemsize).T.tobytes()))
+        data.append(stream.compress(bits.view(np.uint8).reshape(-1, numbers.itemsize).T.tobytes()))
     return base64.b64encode(b''.join((_head(columns, {}), *data, stream.flush()))).decode()
 
 
-def _columns(t: Array, signals: Mapping[str, Array]) -> list[tuple[str, int, Any]]:
-    """Return name, joint and numbers of each column."""
+def _round_to(step: float, x: Array) -> Array:
+    """Return numbers rounded to multiples of a step."""
+    rounded: Array = np.round(x / step) * step
+    return rounded
+
+
+def _columns(t: Array, signals: Mapping[str, Array]) -> list[_Column]:
+    """Return the columns of times and signals."""
     columns = []
     for name, rows in {'t': t, **signals}.items():
         with np.errstate(over='ignore'):
-            values = np.asarray(rows, float).reshape(len(t), -1).T.astype(
-                '<f8' if name in _EXACT else '<f4')
-        columns += [(name, joint, column) for joint, column in enumerate(values)]
+            values = (
+                np.asarray(rows, float)
+                .reshape(len(t), -1)
+                .T.astype('<f8' if name in _EXACT else '<f4')
+            )
+        columns += [_Column(name, joint, numbers) for joint, numbers in enumerate(values)]
     return columns
 
 
-def _head(columns: list[tuple[str, int, Any]], more: Mapping[str, Any]) -> bytes:
+def _head(columns: list[_Column], further: Mapping[str, Any]) -> bytes:
     """Return the head of `packed` with its length."""
-    text = json.dumps({
-        'count': len(columns[0][2]),
-        'columns': [(name, joint, column.itemsize) for name, joint, column in columns],
-        **more}).encode()
-    return _filled(len(text).to_bytes(4, 'little') + text)
+    text = json.dumps(
+        {
+            'count': len(columns[0].numbers),
+            'columns': [(name, joint, numbers.itemsize) for name, joint, numbers in columns],
+            **further,
+        }
+    ).encode()
+    return _pad(len(text).to_bytes(4, 'little') + text)
 
 
-def _filled(data: bytes) -> bytes:
+def _pad(data: bytes) -> bytes:
     """Return bytes with zeros up to a multiple of eight."""
     return data + bytes(-len(data) % 8)

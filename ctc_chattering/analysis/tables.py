@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Numbers as text, and tables: on a terminal, in Markdown, and what the pages make of them."""
+"""
+Tables and lines of text, for terminals, Markdown, CSV and pages.
+
+Names come from outside, from bags for example. What is written here has therefore no control
+codes, no markup of its own and no formulas of a spreadsheet.
+"""
 
 from __future__ import annotations
 
@@ -20,86 +25,38 @@ from collections.abc import Iterable, Mapping, Sequence
 import csv
 from html import unescape
 import io
-import math
 import re
 from textwrap import wrap
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ctc_chattering.analysis.markup import fragment, Markup
 
-
-def rounded(value: float, digits: int = 3) -> float:
-    """Return a number to some digits."""
-    return float(f'{value:.{digits}g}')
-
-
-def shown(value: Any) -> str:
-    """Return the value of a parameter in a sentence: numbers to four digits, several in []."""
-    if isinstance(value, list):
-        return f'[{", ".join("-" if x is None else f"{x:.4g}" for x in value)}]'
-    return f'{value:.4g}' if isinstance(value, float) else str(value)
-
-
-def measured(value: Any) -> str:
-    """Return a measured number, or one for each joint, to three digits; ``-`` for None."""
-    if value is None:
-        return '-'
-    items = value if isinstance(value, list) else [value]
-    return ' '.join(f'{x:.3g}' if abs(x) < 100.0 else f'{x:.0f}' for x in items)
-
-
-def counted(n: int, noun: str) -> str:
-    """Return a number of things; the plural of the noun ends in s."""
-    return f'{n:,}'.replace(',', '\N{NARROW NO-BREAK SPACE}') + f' {noun}{"s"[:n != 1]}'
-
-
-def number_text(value: float | Sequence[float], most: float = math.inf) -> str:
-    """Return a number, or several, once if they are the same, as a range beyond `most`."""
-    if not isinstance(value, (list, tuple)):
-        return f'{value:g}'
-    if len(set(value)) > most:
-        return f'{min(value):g} to {max(value):g}'
-    return f'{value[0]:g}' if len(set(value)) == 1 else '/'.join(f'{x:g}' for x in value)
-
-
-def with_interval(value: float, half: float, unit: str = '') -> str:
-    """Return a number to the digits that half its interval leaves, 3 to 6; 4 without one."""
-    digits = 4
-    if half and value:
-        digits = min(max(len(f'{abs(value) / half:.0f}') + 1, 3), 6)
-    # Not as a power of ten, such as 1e+01.
-    interval = f' ± {float(f"{half:.1g}"):.6g}' if half else ''
-    return f'{value:.{digits}g}{interval} {unit}'.strip()
-
-
-def in_field(value: Any) -> str:
-    """Return the value of a parameter, of any type, as a field has it."""
-    values = [value] if isinstance(value, str | bytes | int | float) else list(value)
-    return ', '.join(f'{x:.12g}' if isinstance(x, float) else str(x) for x in values)
-
-
-#: Columns of a terminal that `fitted` and `paragraph` fill, and those of a name in a table.
-WIDTH, _NAME = 100, 40
-#: Elements of HTML that have a form in Markdown.
+#: Columns of a terminal that `fitted` and `paragraph` fill.
+WIDTH = 100
+#: Columns of a terminal for the names of a table.
+_NAME_WIDTH = 40
+#: Markdown of HTML elements.
 _MARKS = {'b': '**', 'code': '`'}
 
 
 class Table(NamedTuple):
     """
-    A table of a page and of a file in Markdown; texts are escaped in both, `Markup` is not.
+    A table of a page, of Markdown or of a terminal.
+
+    Texts are escaped, `Markup` is not.
 
     Attributes
     ----------
     title : str
-        Empty for none.
+        Title, or '' for none.
     heads : sequence of str
-        Of the columns; empty for pairs of name and text.
+        Heads of the columns; none for pairs of name and text.
     rows : sequence of sequences of str
-        Of as many cells each.
+        Rows of as many cells each.
     names : int
-        How many columns, from the left, have no numbers.
+        Number of columns, from the left, without numbers.
     note : str
-        Below the table, on a page.
+        Text below the table, on a page.
 
     """
 
@@ -111,104 +68,124 @@ class Table(NamedTuple):
 
 
 def bold(text: str) -> Markup:
-    """Return text that is bold, on a page and in Markdown."""
+    """Return bold text for a page or Markdown."""
     return fragment('<b>{{ x }}</b>', x=text)
 
 
 def two_lines(first: str, second: str) -> Markup:
-    """Return a cell of a page, whose second line is small."""
+    """Return a cell whose second line is small."""
     return fragment('{{ a }}<br><small>{{ b }}</small>', a=first, b=second)
 
 
 def markdown(text: str) -> str:
-    """Return text in Markdown, on one line; <b> and <code> of `Markup` have their form there."""
+    """
+    Return text in Markdown, on one line.
+
+    The elements <b> and <code> of `Markup` have their form there.
+    """
     if not isinstance(text, Markup):
-        return _plain(text)
-    parts = re.split(r'</?(b|code)>', text)
-    return ''.join(_MARKS[part] if k % 2 else _plain(unescape(part))
-                   for k, part in enumerate(parts))
+        return _escape_markdown(text)
+    pieces = re.split('</?(b|code)>', text)
+    pieces[::2] = [_escape_markdown(unescape(x)) for x in pieces[::2]]
+    pieces[1::2] = [_MARKS[x] for x in pieces[1::2]]
+    return ''.join(pieces)
 
 
-def _plain(text: str) -> str:
-    """Return text that has no meaning in Markdown, or in HTML in it, on one line."""
+def _escape_markdown(text: str) -> str:
+    """Return text on one line, without a meaning in Markdown or HTML."""
     text = one_line(text).replace('&', '&amp;').replace('<', '&lt;')
     return re.sub(r'[\\|*`~$]|(?<![^\W_])_|_(?![^\W_])|(?<=\])\(', r'\\\g<0>', text)
 
 
 def one_line(text: str) -> str:
-    """Return text with spaces in the place of what begins a line or steers a terminal."""
+    """
+    Return text on one line.
+
+    Spaces replace what begins a line or steers a terminal.
+    """
     return ''.join(x if x.isprintable() else ' ' for x in text)
 
 
 def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return the lines of a table in Markdown; cells as `markdown` takes them."""
-    return [f'| {" | ".join(cells)} |' for cells in (
-        map(markdown, heads), ['---'] * len(heads), *(map(markdown, row) for row in rows))]
+    """Return the lines of a table in Markdown."""
+    head, *body = ([markdown(x) for x in cells] for cells in (heads, *rows))
+    return [f'| {" | ".join(cells)} |' for cells in (head, ['---'] * len(head), *body)]
 
 
 def csv_text(rows: Sequence[Mapping[str, object]], heads: Sequence[str] = ()) -> str:
     """
-    Return rows of the same keys as CSV, `heads` without any row; None is empty.
+    Return rows of the same keys as CSV.
 
-    Text is on one line; what a spreadsheet would compute stands behind an apostrophe.
+    The keys are the head, or `heads` without any row. None is empty. Text is on one line, and
+    what a spreadsheet would compute stands behind an apostrophe.
     """
     text = io.StringIO()
     writer = csv.DictWriter(text, rows[0] if rows else heads, lineterminator='\n')
     writer.writeheader()
-    writer.writerows({key: _in_csv(x) if isinstance(x, str) else x for key, x in row.items()}
-                     for row in rows)
+    writer.writerows({key: _csv_cell(x) for key, x in row.items()} for row in rows)
     return text.getvalue()
 
 
-def _in_csv(text: str) -> str:
-    """Return text on one line, with an apostrophe before what begins a formula."""
-    line = one_line(text)
-    return f"'{line}" if line.lstrip().startswith(('=', '+', '-', '@')) else line
+def _csv_cell(value: object) -> object:
+    """Return a cell; no text is a formula."""
+    if not isinstance(value, str):
+        return value
+    text = one_line(value)
+    return f"'{text}" if text.lstrip().startswith(('=', '+', '-', '@')) else text
 
 
 def columns(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return rows of as many cells each as lines of text, in columns, without control codes."""
-    rows = [[one_line(text) for text in row] for row in rows]
-    widths = [max(map(len, column)) for column in zip(*rows)]
-    return ['  '.join(text.ljust(width) for text, width in zip(row, widths)).rstrip()
-            for row in rows]
+    """Return rows as lines of text in columns."""
+    cells = [[one_line(text) for text in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*cells)]
+    return ['  '.join(map(str.ljust, row, widths)).rstrip() for row in cells]
 
 
 def fitted(rows: Sequence[Sequence[str]], indent: int = 2) -> list[str]:
     """
-    Return rows of as many cells each as lines of at most `WIDTH` characters.
+    Return rows as lines of at most `WIDTH` characters.
 
     Columns that do not fit stand below, again with the first one, of which long names are cut.
     """
-    names = [cut(one_line(row[0]), _NAME) for row in rows]
-    room = WIDTH - indent
-    left = room - max(map(len, names))
-    parts: list[list[Sequence[str]]] = [[names]]
-    for column in zip(*(row[1:] for row in rows)):
-        cells = [cut(one_line(text), room - _NAME - 2) for text in column]
-        width = 2 + max(map(len, cells))
-        if left < width and len(parts[-1]) > 1:
-            parts.append([names])
-            left = room - max(map(len, names))
-        parts[-1].append(cells)
-        left -= width
-    blocks = (columns(list(zip(*part))) for part in parts)
-    return [f'{"":{indent}}{line}' for block in blocks for line in block]
+    width = WIDTH - indent
+    first, *further = zip(*rows)
+    names = [cut(one_line(text), _NAME_WIDTH) for text in first]
+    blocks: list[list[list[str]]] = []
+    remaining = 0
+    for column in further:
+        cells = [cut(one_line(text), width - _NAME_WIDTH - 2) for text in column]
+        needed = 2 + max(map(len, cells))
+        if needed > remaining:
+            blocks.append([names])
+            remaining = width - max(map(len, names))
+        blocks[-1].append(cells)
+        remaining -= needed
+    lines = (line for block in blocks or [[names]] for line in columns([*zip(*block)]))
+    return [f'{"":{indent}}{line}' for line in lines]
 
 
 def paragraph(text: str, indent: int = 2) -> list[str]:
-    """Return text as lines of at most `WIDTH` characters, the first one less indented."""
-    return wrap(one_line(text), WIDTH, initial_indent=' ' * indent,
-                subsequent_indent=' ' * (indent + 2), break_on_hyphens=False)
+    """
+    Return text as lines of at most `WIDTH` characters.
+
+    The first line is less indented.
+    """
+    return wrap(
+        one_line(text),
+        WIDTH,
+        initial_indent=' ' * indent,
+        subsequent_indent=' ' * (indent + 2),
+        break_on_hyphens=False,
+    )
 
 
-def cut(text: str, most: int) -> str:
-    """Return text of at most so many characters, without those in its middle."""
-    if len(text) <= most:
+def cut(text: str, length: int) -> str:
+    """Return text without the middle if it is too long."""
+    if len(text) <= length:
         return text
-    return f'{text[:most // 2]}…{text[-((most - 1) // 2):]}'
+    return f'{text[: length // 2]}…{text[-((length - 1) // 2) :]}'
 
 
 def print_columns(rows: Sequence[Sequence[str]]) -> None:
-    """Print rows of as many cells each, in columns."""
+    """Print rows in columns."""
     print('\n'.join(columns(rows)))

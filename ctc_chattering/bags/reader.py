@@ -28,8 +28,9 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis.result import Replay, ReplayVerdict, Result
+from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.signals import PARTS, SignalOrigin
+from ctc_chattering.analysis.terms import Replay, ReplayVerdict
 from ctc_chattering.bags.bag import Bag
 from ctc_chattering.bags.bag_files import METADATA
 from ctc_chattering.bags.recorded_law import (

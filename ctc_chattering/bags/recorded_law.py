@@ -26,9 +26,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence, Sized
 
-from ctc_chattering.analysis.result import Replay, ReplayVerdict
 from ctc_chattering.analysis.signals import PARTS, Series, SignalOrigin
-from ctc_chattering.analysis.terms import RunTerms, terms
+from ctc_chattering.analysis.terms import Replay, ReplayVerdict, RunTerms, terms
 from ctc_chattering.bags.command_matching import match_commands
 from ctc_chattering.bags.signals import Instants, Signal
 from ctc_chattering.control.controller import ControllerConfig

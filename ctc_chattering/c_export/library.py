@@ -41,7 +41,8 @@ from ctc_chattering.dynamics.compiled_model import ARM_FUNCTIONS
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.time_grid import period_ns
-from ctc_chattering.output_files import new_folder, write_bytes, write_text
+from ctc_chattering.output_files import write_bytes, write_text
+from ctc_chattering.output_folder import new_folder
 from ctc_chattering.parameters import LARGEST, LEAST
 from ctc_chattering.trajectory.transitions import BRAKING_TIME
 import numpy as np

@@ -21,12 +21,12 @@ import dataclasses
 from math import inf
 from pathlib import Path
 
-from ctc_chattering.analysis.tables import counted
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_bag, add_number, add_output, add_own, own
 from ctc_chattering.errors import as_ctc_error, CtcError, ParameterError, UsageError
 from ctc_chattering.input_files import check_regular
-from ctc_chattering.output_files import check_folder, new_folder
+from ctc_chattering.number_format import format_count
+from ctc_chattering.output_folder import check_folder, new_folder
 from ctc_chattering.parameters import LEAST
 
 
@@ -70,7 +70,7 @@ def run_plot(options: argparse.Namespace) -> int:
                 say(f'left out: {error}')
     if not results:
         raise CtcError(f'no bag of this package in {", ".join(map(str, options.bags))}')
-    print(f'drawing {counted(len(results), "run")} ...', flush=True)
+    print(f'drawing {format_count(len(results), "run")} ...', flush=True)
     write_runs(results, options.out, bags, options.format, options.said, options.overwrite)
     print_results(results)
     print_page(options.out / PAGE)
@@ -93,7 +93,7 @@ def run_export(options: argparse.Namespace) -> int:
     Write trajectory.npz, which also has the gains, or trajectory.csv, with names and units of the
     joints. Torques that have times of their own are in trajectory_commands.csv.
     """
-    from ctc_chattering.analysis.result import commands_path, export
+    from ctc_chattering.analysis.export import commands_path, export
     from ctc_chattering.bags.reader import read_bag
 
     with new_folder(options.out, 'ctc export', options.overwrite) as folder:

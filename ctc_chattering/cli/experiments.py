@@ -22,7 +22,7 @@ import time
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_output, add_run_options, load_setup
 from ctc_chattering.cli.presentation import print_page, print_results, progress
-from ctc_chattering.output_files import check_folder, new_folder
+from ctc_chattering.output_folder import check_folder, new_folder
 
 #: Simulated duration of a run without an end [s].
 _DURATION = 10.0
@@ -48,7 +48,8 @@ def run_simulate(options: argparse.Namespace) -> int:
     Write metrics.json and trajectory.npz (t, q, dq, q_d, dq_d, ddq_d, tau, v, names, units,
     gains).
     """
-    from ctc_chattering.analysis.result import export, METRICS, simulate, write_metrics
+    from ctc_chattering.analysis.export import export
+    from ctc_chattering.analysis.result import METRICS, simulate, write_metrics
     from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
     from ctc_chattering.configuration.compilation import compile_setups, uncompiled_codes
 

@@ -50,7 +50,7 @@ from ctc_chattering.identification.identified_robot import (
 )
 from ctc_chattering.identification.random_motions import ExcitationConfig
 from ctc_chattering.identification.table_motion import read_table, SUFFIX
-from ctc_chattering.output_files import check_folder
+from ctc_chattering.output_folder import check_folder
 
 #: What is asked of the motion: parameters that are options.
 _ASKED = {name: dataclasses.replace(spec, default=None) if name in ('center', 'friction') else spec

@@ -21,6 +21,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.number_format import format_numbers
+
 _BAR = '{desc}: {bar} {n_fmt}/{total_fmt} {unit} [{elapsed}]'
 
 
@@ -66,14 +68,14 @@ def print_page(page: Path, *commands: str) -> None:
 
 def print_results(results: Sequence[Any]) -> None:
     """Print the numbers of runs, each a `Result`, in a table."""
-    from ctc_chattering.analysis.result import names
-    from ctc_chattering.analysis.tables import measured, print_columns
+    from ctc_chattering.analysis.run_names import run_names
+    from ctc_chattering.analysis.tables import print_columns
     rows: list[Sequence[str]] = [(
         'run', 'RMS e [rad]', 'max |e|_1 [rad]', 'torque variation [N*m/s]', 'v reached [s]')]
     notes = []
-    for name, result in zip(names(results), results):
+    for name, result in zip(run_names(results), results):
         m = result.metrics()
-        rows.append((name, *(measured(m[key]) for key in (
+        rows.append((str(name), *(format_numbers(m[key]) for key in (
             'rms_error_rad', 'max_error_norm1_rad', 'torque_variation_nm_per_s',
             'reaching_time_s'))))
         notes += [[f'{name}: {text}'] for text in m['notes']]

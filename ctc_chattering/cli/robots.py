@@ -41,7 +41,9 @@ from ctc_chattering.configuration.arm_knowledge import (
 )
 from ctc_chattering.configuration.node_parameters import parameter_table
 from ctc_chattering.errors import as_usage_error, CtcError, UsageError
-from ctc_chattering.output_files import check_file, check_folder, write_text
+from ctc_chattering.number_format import format_numbers
+from ctc_chattering.output_files import check_file, write_text
+from ctc_chattering.output_folder import check_folder
 from ctc_chattering.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -192,7 +194,7 @@ def run_check_model(options: argparse.Namespace) -> int:
     At random states: M symmetric and positive definite, ½ dM/dt - C skew-symmetric, G a gradient,
     all products consistent. Status 1 if a test fails.
     """
-    from ctc_chattering.analysis.tables import measured, print_columns
+    from ctc_chattering.analysis.tables import print_columns
     from ctc_chattering.configuration.package_share import read_description
     from ctc_chattering.dynamics.model_check import check_dynamics, inertia_faults
     from ctc_chattering.dynamics.registry import make_model
@@ -220,7 +222,7 @@ def run_check_model(options: argparse.Namespace) -> int:
         for x in findings])
     failed = [x for x in findings if not x.passed]
     for x in failed:
-        print(f'{x.name}: worst at q = {measured(list(x.q))}, dq = {measured(list(x.dq))}'
+        print(f'{x.name}: worst at q = {format_numbers(x.q)}, dq = {format_numbers(x.dq)}'
               + (f': {x.error}' if x.error else ''))
     for fault in inertia_faults(urdf, joints) if urdf else ():
         print(f'warning: {fault}')

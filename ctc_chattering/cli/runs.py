@@ -35,7 +35,9 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.laws.registry import LAWS
 from ctc_chattering.errors import as_usage_error, CtcError, UsageError
-from ctc_chattering.output_files import check_file, check_folder, claim
+from ctc_chattering.number_format import format_joint_values
+from ctc_chattering.output_files import check_file
+from ctc_chattering.output_folder import check_folder, claim
 from ctc_chattering.parameters import LEAST
 
 if TYPE_CHECKING:
@@ -207,7 +209,7 @@ def run_stability(options: argparse.Namespace) -> int:
     that allows. Exit status 1 if the loop is unstable for the exact model.
     docs/theory.md says what it covers, and where the theorem is.
     """
-    from ctc_chattering.analysis.tables import number_text, print_columns
+    from ctc_chattering.analysis.tables import print_columns
     from ctc_chattering.control.recommended_gains import (
         MAX_POLE_PER_RESONANCE,
         pole_over_resonance,
@@ -217,12 +219,12 @@ def run_stability(options: argparse.Namespace) -> int:
 
     setup = load_setup(options)
     config, plant, found = setup.controller, setup.plant, stability(setup)
-    print(f'{config.law}: kp {number_text(config.kp)}, kv {number_text(config.kv)}, sampled every '
-          f'{1e3 * config.control_period:g} ms')
+    kp, kv = map(format_joint_values, (config.kp, config.kv))
+    print(f'{config.law}: kp {kp}, kv {kv}, sampled every {1e3 * config.control_period:g} ms')
     lag = config.assumed_lag if config.takes('actuator_lag') else (0.0,)
     for who, lags, delay in (('law', lag, config.input_delay),
                              ('robot', plant.actuator_lag, plant.input_delay)):
-        print(f'{who}: lag {number_text(tuple(1e3 * x for x in lags))} ms, delay {delay}')
+        print(f'{who}: lag {format_joint_values(tuple(1e3 * x for x in lags))} ms, delay {delay}')
     margins = arm_margins(setup)
     print_columns([*rows(found, config.control_period), *(arm_rows(margins) if margins else ())])
     if (part := pole_over_resonance(config)) > MAX_POLE_PER_RESONANCE:

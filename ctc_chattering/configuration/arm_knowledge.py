@@ -30,6 +30,7 @@ from typing import NamedTuple
 
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import ParameterError
+from ctc_chattering.number_format import round_number
 from ctc_chattering.parameters import LEAST, Parameter
 
 #: Rotor inertia at the joint per effort limit, assumed without a URDF's [kg·m² per N·m].
@@ -79,7 +80,7 @@ class Known(NamedTuple):
         """Return number, unit and origin."""
         if self.source == Source.NOT_KNOWN:
             return str(self.source.value)
-        number = f'{float(f"{self.value:.3g}"):g}'
+        number = f'{round_number(self.value):g}'
         return ' '.join(filter(None, (number, unit, f'({self.source.value})')))
 
 

@@ -29,6 +29,7 @@ from typing import NamedTuple
 
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.number_format import round_number
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.trajectory.joint_limits import JointLimits
@@ -275,8 +276,3 @@ def _weight_share(model: Model, q: Array) -> float:
     """Return the weight over the effort limits, at most."""
     weights = np.abs(model.gravity_torque(q.tolist()))
     return float((weights / np.array(model.effort_limits)).max())
-
-
-def round_number(value: float, digits: int = 3) -> float:
-    """Return a number to so many significant digits."""
-    return float(f'{value:.{digits}g}')

@@ -41,7 +41,6 @@ from ctc_chattering.configuration.holding_motion import (
     HoldingMotion,
     largest_speeds,
     middle_position,
-    round_number,
     START_S,
 )
 from ctc_chattering.configuration.loop_setup import Values
@@ -60,6 +59,7 @@ from ctc_chattering.dynamics.serial_chain import chain_to, longest_chain
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError
+from ctc_chattering.number_format import round_number
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import LARGEST
 from ctc_chattering.simulation.plant_config import PlantConfig

@@ -41,6 +41,7 @@ from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.laws.registry import COMMON_GAINS, law_class, takes
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
+from ctc_chattering.number_format import round_number
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
 import numpy as np
@@ -131,7 +132,7 @@ class KnownLoop(NamedTuple):
         ka = np.array(self.config.ka)
         if torque is not None:
             ka = ka + MODEL_ERROR * torque
-        return tuple(float(f'{x:.3g}') for x in ka)
+        return tuple(round_number(x) for x in ka)
 
 
 class GainRule:

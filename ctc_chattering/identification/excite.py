@@ -44,7 +44,7 @@ from ctc_chattering.identification.random_motions import (
     random_motion,
 )
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.output_files import new_folder
+from ctc_chattering.output_folder import new_folder
 from ctc_chattering.parameters import LEAST, matrix
 from ctc_chattering.trajectory.joint_limits import JointLimits, read_limits
 import numpy as np

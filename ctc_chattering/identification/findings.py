@@ -25,8 +25,8 @@ import dataclasses
 from enum import auto, Enum, IntEnum
 from typing import Any
 
-from ctc_chattering.analysis.tables import with_interval
 from ctc_chattering.errors import CtcError
+from ctc_chattering.number_format import format_interval
 
 #: Half an interval below this part of its number is rounding.
 ROUNDING = 1e-9
@@ -98,7 +98,7 @@ class Estimate:
         """Return value, interval and unit, or the words in their place."""
         if self.value is not None:
             half = self.half if self.half > ROUNDING * abs(self.value) else 0.0
-            return with_interval(self.value, half, self.unit)
+            return format_interval(self.value, half, self.unit)
         if self.at_least is not None:
             return f'at least {self.at_least:.3g} {self.unit}'.strip()
         if self.at_most is not None:

@@ -22,10 +22,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import dataclasses
-from math import isfinite
+from math import floor, isfinite
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.control.recommended_gains import (
     estimator_bandwidth,
     largest_pole,
@@ -38,12 +37,9 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.findings import Finding, Reason, Severity
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import MeasuredPerturbation
-from ctc_chattering.identification.perturbation_bound import (
-    bound_perturbation,
-    PerturbationBound,
-    round_to_digits,
-)
+from ctc_chattering.identification.perturbation_bound import bound_perturbation, PerturbationBound
 from ctc_chattering.identification.verdict import verdicts
+from ctc_chattering.number_format import round_number, round_towards
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -333,15 +329,15 @@ def recommend(
     )
 
     def of_usable(values: Sequence[float] | Array) -> list[float | None]:
-        return [rounded(float(x), 6) if good else None for x, good in zip(values, usable)]
+        return [round_number(float(x), 6) if good else None for x, good in zip(values, usable)]
 
     bandwidth = observer_bandwidth(basis.longest_lag, GAIN_LIMITS.max_bandwidth)
     shared: Gains = {
         'law': RECOMMENDED_LAW,
         'input_delay': int(delay) if isfinite(delay) else 0,
-        'actuator_lag': [rounded(x) for x in lag],
+        'actuator_lag': [round_number(x) for x in lag],
         'switching': RECOMMENDED_SWITCHING,
-        'observer_bandwidth': round_to_digits(bandwidth, 2, np.floor),
+        'observer_bandwidth': round_towards(bandwidth, 2, floor),
         'ka': of_usable(bound.ka),
         'friction_level': of_usable(level),
         'torque_rate_limit': of_usable(drives.rate),
@@ -359,7 +355,7 @@ def recommend(
 
 def _pole_gains(basis: GainBasis, factor: float, n: int) -> Gains:
     """Return the gains of n joints for a part of the fastest pole."""
-    pole = round_to_digits(factor * largest_pole(basis.latest.lateness), 2, np.floor)
+    pole = round_towards(factor * largest_pole(basis.latest.lateness), 2, floor)
     return {
         'kp': [pole**2] * n,
         'kv': [2.0 * pole] * n,

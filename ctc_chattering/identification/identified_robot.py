@@ -28,7 +28,6 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.arm_knowledge import ASSUMED_ROTOR
 from ctc_chattering.configuration.compilation import compile_setups, has_compiler
@@ -63,8 +62,10 @@ from ctc_chattering.identification.trial_runs import (
     trial_runs,
     Values,
 )
+from ctc_chattering.number_format import round_number
 from ctc_chattering.numerics.angles import unwrapped
-from ctc_chattering.output_files import check_format, new_folder, write_json, write_text
+from ctc_chattering.output_files import check_format, write_json, write_text
+from ctc_chattering.output_folder import new_folder
 from ctc_chattering.parameters import check_not_empty, checked_integer, LEAST, Parameter
 import numpy as np
 
@@ -435,7 +436,9 @@ def _robot(
                 Reason.ASSUMED_ROTORS,
                 Severity.NOTE,
                 values={
-                    'rotors': {joint: rounded(inertia, 2) for joint, inertia in rotors.items()}
+                    'rotors': {
+                        joint: round_number(inertia, 2) for joint, inertia in rotors.items()
+                    }
                 },
             )
         )

@@ -20,15 +20,15 @@ friction and errors of the model may reach at random states within the limits.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from math import floor, log10, pi
+from collections.abc import Iterator
+from math import ceil, pi
 from typing import NamedTuple
 
-from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.findings import Finding, Reason, Severity
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import largest_friction, MeasuredPerturbation
+from ctc_chattering.number_format import round_towards
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -187,7 +187,7 @@ def bound_perturbation(
     # Each number of the friction is at the upper end of its interval.
     friction = largest_friction(identified, speeds, loads, 1.0).max(axis=0)
     peak = np.maximum(run.peak, friction + error + run.tail)
-    ka = np.array([round_to_digits(MARGIN * p, 3, np.ceil) for p in peak])
+    ka = np.array([round_towards(MARGIN * p, 3, ceil) for p in peak])
     change = torque * (limits.acceleration / np.maximum(limits.velocity, 1e-12))
     return PerturbationBound(
         ka=np.minimum(ka, limits.effort),
@@ -204,11 +204,3 @@ def _find_weak_drives(peak: Array, ka: Array, effort: Array) -> Iterator[Finding
     for joint in np.flatnonzero(ka > effort).tolist():
         yield Finding(Reason.KA_CUT, Severity.CARE, joint, {
             'peak': peak[joint], 'ka': ka[joint], 'effort': effort[joint]})
-
-
-def round_to_digits(value: float, digits: int, rounding: Callable[[float], float]) -> float:
-    """Return a value >= 0, rounded up or down to digits."""
-    if value <= 0.0:
-        return 0.0
-    unit = 10.0 ** (floor(log10(value)) - digits + 1)
-    return rounded(float(rounding(round(value / unit, 9)) * unit), 6)

@@ -25,7 +25,6 @@ from collections.abc import Iterator, Mapping, Sequence
 import dataclasses
 from typing import Any
 
-from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.dynamics.model import Model
@@ -34,6 +33,7 @@ from ctc_chattering.identification.friction import JointFriction
 from ctc_chattering.identification.gains import Draw, FailedDraw, pole_of, Recommendation, Trial
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import MeasuredPerturbation
+from ctc_chattering.number_format import round_number
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.runs.score import Score, score
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -172,7 +172,7 @@ def _plant(identified: Identification) -> dict[str, Any]:
         'input_delay': int(drive.delay) if np.isfinite(drive.delay) else 0,
         'actuator_lag': _rounded(drive.lag),
         'torque_rate_limit': [
-            np.inf if x.value is None else rounded(x.value, 6) for x in identified.rate
+            np.inf if x.value is None else round_number(x.value, 6) for x in identified.rate
         ],
         **_sensors(identified),
     }
@@ -220,7 +220,7 @@ def _reference(identified: Identification, model: Model) -> dict[str, Any]:
 
 def _rounded(values: npt.ArrayLike, digits: int = 6) -> list[float]:
     """Return values to some digits."""
-    return [rounded(x, digits) for x in np.asarray(values, float).tolist()]
+    return [round_number(x, digits) for x in np.asarray(values, float).tolist()]
 
 
 def trial_runs(

@@ -29,10 +29,10 @@ import signal
 import time
 from typing import Any
 
-from ctc_chattering.analysis.tables import in_field
 from ctc_chattering.configuration.topics import CLOCK, PARAMETERS
 from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.launch.sole_graph import sole_graph
+from ctc_chattering.number_format import format_value
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.ros.messages import read_stamp
 from ctc_chattering.ros.node import BaseNode
@@ -102,7 +102,8 @@ class Requests:
         """Set parameters of a node, in their order."""
         items = [item for mapping in values for item in mapping.items()]
         name, value = items[-1]
-        self._send(f'{node}: {name} = {in_field(value)}', SetParameters, f'{node}/set_parameters',
+        self._send(f'{node}: {name} = {format_value(value, 12)}', SetParameters,
+                   f'{node}/set_parameters',
                    parameters=[to_parameter(*item).to_parameter_msg() for item in items])
 
     def torques(self, on: bool) -> None:

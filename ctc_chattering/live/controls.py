@@ -31,13 +31,13 @@ import signal
 import time
 from typing import Annotated, Any, Literal, NamedTuple
 
-from ctc_chattering.analysis.tables import in_field
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.control.laws.registry import LAWS, laws_by_parameter, SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.launch.child_process import Child, node_command, stop
 from ctc_chattering.live.graph_reader import GraphReader
 from ctc_chattering.live.page_socket import PageSocket
+from ctc_chattering.number_format import format_value
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.parameters import Parameter, unit_text
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -220,8 +220,9 @@ class Controls:
             'joints': self._reader.names,
             'gains': [x.shown() for x in gains_of(self._in_force, self._reader.names).values()],
             'record': self._recording.shown(), 'answered': self._answered,
-            'plant': [{'name': name, 'title': plant_title(name), 'value': in_field(plant[name])}
-                      for name in PLANT if name in plant],
+            'plant': [{
+                'name': name, 'title': plant_title(name), 'value': format_value(plant[name], 12)}
+                for name in PLANT if name in plant],
             'held': '' if pacing == 'lockstep' else (
                 _NO_PLANT if pacing is None else _REAL.format(pacing))}
 

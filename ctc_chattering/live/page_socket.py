@@ -15,7 +15,7 @@
 """
 The WebSocket between the page around viser's view and this process: samples and words.
 
-Samples are binary messages, as `analysis/result.py` packs them, whose head names their
+Samples are binary messages, as `analysis/signals.py` packs them, whose head names their
 run (``run``) and whether they begin a new one (``fresh``). Words are JSON objects as text; each
 key is a subject of its own with its receiver.
 

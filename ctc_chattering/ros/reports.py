@@ -24,6 +24,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ctc_chattering.controller.loop_statistics import LoopStatistics
+from ctc_chattering.number_format import format_number
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
@@ -91,7 +92,7 @@ def diagnostics(node: Node, status: Status) -> DiagnosticArray:
     name = node.get_fully_qualified_name()
     values = []
     for key, value in status.values.items():
-        text = f'{value:.4g}' if isinstance(value, float) else str(value)
+        text = format_number(value, 4) if isinstance(value, float) else str(value)
         values.append(KeyValue(key=key, value=text))
     array = DiagnosticArray(status=[DiagnosticStatus(
         level=bytes([status.level]),

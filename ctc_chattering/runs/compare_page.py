@@ -30,6 +30,7 @@ from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.tables import bold, csv_text, markdown, markdown_table, Table
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.number_format import format_number
 from ctc_chattering.output_files import file_stem, write_text
 from ctc_chattering.runs.conditions import CONDITIONS
 from ctc_chattering.runs.figures import law_styles, panels, trade_off
@@ -139,8 +140,8 @@ def _robustness(group: Sequence[Outcome]) -> Table:
 def _errors(outcome: Outcome, base: Outcome) -> list[list[Number]]:
     """Return the numbers of each cell of the first table; the smallest is the best."""
     least = min(a / b if b else inf for a, b in zip(base['rms'], outcome['rms']))
-    number = f'{least:.2g}' if least < 100.0 else f'{least:.0f}'
-    ratio, peak = '' if outcome['variant'] == BASE else f'{number}×', max(outcome['peak'])
+    ratio = '' if outcome['variant'] == BASE else f'{format_number(least, 2)}×'
+    peak = max(outcome['peak'])
     return [*([(x, f'{x:.1e}')] for x in outcome['rms']), [(-least, ratio)],
             [(peak, f'{peak:.0f}')]]
 

@@ -21,7 +21,7 @@ from itertools import cycle
 from typing import Any
 
 from ctc_chattering.analysis import drawing
-from ctc_chattering.analysis.result import LAW_COLOURS, MIXED, shaded
+from ctc_chattering.analysis.run_names import LAW_COLOURS, SEVERAL_LAWS_COLOUR, shaded
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
@@ -35,8 +35,9 @@ _ROOM, _DECADES = 1.4, 300.0
 
 def law_styles(laws: Sequence[str]) -> list[dict[str, Any]]:
     """Return colour of the law, marker and dashes of variants, distinct without colour, too."""
+    colours = shaded([LAW_COLOURS.get(law, SEVERAL_LAWS_COLOUR) for law in laws])
     return [{'color': colour, 'marker': marker, 'linestyle': dashes} for colour, marker, dashes in
-            zip(shaded([LAW_COLOURS.get(law, MIXED) for law in laws]), cycle('so^Dv<P>X'),
+            zip(colours, cycle('so^Dv<P>X'),
                 cycle(['-', (0, (5, 1.5)), (0, (2.5, 1.2)), '-.', (0, (1, 1))]))]
 
 

@@ -23,11 +23,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.tables import counted
 from ctc_chattering.configuration.compilation import compile_setups, required_codes
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.errors import CtcError
-from ctc_chattering.output_files import check_format, OutputFolder
+from ctc_chattering.number_format import format_count
+from ctc_chattering.output_files import check_format
+from ctc_chattering.output_folder import OutputFolder
 from ctc_chattering.parameters import checked_integer
 from ctc_chattering.runs import cluster, pool, store
 from ctc_chattering.runs.points import Points, Runs
@@ -131,7 +132,8 @@ def computed(points: Points, out: Path | None, jobs: int, scheduler: str | None,
             found = {file: directory.rows(x, show) for file, x in chunks.items()}
             left = {file: x for file, x in chunks.items() if found[file] is None}
             done = len(some) - sum(map(len, left.values()))
-            show(f'{len(some)} runs in {counted(len(chunks), "chunk")}, {done} of them computed')
+            show(f'{len(some)} runs in {format_count(len(chunks), "chunk")}, '
+                 f'{done} of them computed')
             if left and compute is None:
                 compute = _compute(stack, points, jobs, scheduler, show)
             try:
@@ -156,11 +158,11 @@ def _compute(stack: ExitStack, points: Points, jobs: int, scheduler: str | None,
     """Return what computes the rows of chunks; its processes end with `stack`."""
     if scheduler is not None:
         client = stack.enter_context(cluster.connected(scheduler))
-        show(counted(pool.threads(client, show), 'worker'))
+        show(format_count(pool.threads(client, show), 'worker'))
         return partial(cluster.computed, client, points)
     compile_setups(points.examples(), show)
     if jobs == 1:
         return lambda chunks: pool.serially(store.compute, chunks, points, '')
     client = stack.enter_context(pool.workers(jobs))
-    show(counted(pool.threads(client, show), 'worker'))
+    show(format_count(pool.threads(client, show), 'worker'))
     return lambda chunks: pool.computed(client, store.compute, chunks, points, '')

@@ -22,7 +22,8 @@ from typing import Any
 
 from ctc_chattering.analysis.drawing import save
 from ctc_chattering.analysis.page import FigureFile, Folded, Section, write_page
-from ctc_chattering.analysis.tables import counted, Table, two_lines
+from ctc_chattering.analysis.tables import Table, two_lines
+from ctc_chattering.number_format import format_count
 from ctc_chattering.runs.map_data import against, KINDS, MapData, passing, pooled, sobol_table
 from ctc_chattering.runs.map_figures import figures
 from ctc_chattering.runs.spec import MapSpec, rows_of
@@ -111,9 +112,9 @@ def headline(data: MapData) -> str:
 
 def lead(data: MapData) -> str:
     axes = ' × '.join(axis.name for axis in data.axes)
-    return (f'{counted(len(data.variants), "law")}'
-            + (f' over {axes}, {counted(int(np.prod(data.shape)), "point")}' if axes else '')
-            + f': {counted(len(data.rows), "run")}'
+    return (f'{format_count(len(data.variants), "law")}'
+            + (f' over {axes}, {format_count(int(np.prod(data.shape)), "point")}' if axes else '')
+            + f': {format_count(len(data.rows), "run")}'
             + (' near the boundary only: any other point is shown as the nearest one that was '
                'run, and shares are of the runs made.' if data.refined else '.'))
 

@@ -23,7 +23,7 @@ from pathlib import Path
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import EXPERIMENTS, find_config
-from ctc_chattering.output_files import new_folder
+from ctc_chattering.output_folder import new_folder
 
 #: Name in the directory of `reproduce`.
 BAGS = 'bags'

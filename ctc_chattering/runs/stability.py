@@ -24,7 +24,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 import math
 
-from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
@@ -36,6 +35,7 @@ from ctc_chattering.margins.loop_margins import (
     RATIOS,
     StableRange,
 )
+from ctc_chattering.number_format import round_towards
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.parameters import matrix
@@ -143,7 +143,7 @@ def rows(margins: Margins, period: float) -> Iterator[tuple[str, str]]:
     """Yield rows of a table, intervals rounded inwards; `period` is h [s]."""
     if margins.radius < 1.0:
         slowest = -1e3 * period / math.log(margins.radius)
-        yield 'slowest time constant, model exact', f'{_digits(slowest, up=True)} ms'
+        yield 'slowest time constant, model exact', f'{round_towards(slowest, 2, math.ceil):g} ms'
     else:
         yield 'model exact', f'unstable: a pole at {margins.radius:.3g}'
     yield 'M of the model / M of the robot, constant', range_text(margins.ratios)
@@ -158,8 +158,9 @@ def range_text(stable: StableRange | None, factor: float = 1.0, unit: str = '') 
     """Return an interval, rounded inwards."""
     if stable is None:
         return 'none'
-    low, high = _digits(factor * stable.low, up=True), _digits(factor * stable.high, up=False)
-    return f'{low} to {high}{unit}'
+    low = round_towards(factor * stable.low, 2, math.ceil)
+    high = round_towards(factor * stable.high, 2, math.floor)
+    return f'{low:g} to {high:g}{unit}'
 
 
 def _counts(counts: Sequence[int]) -> str:
@@ -167,11 +168,3 @@ def _counts(counts: Sequence[int]) -> str:
     if len(counts) > 1 and counts[-1] - counts[0] == len(counts) - 1:
         return f'{counts[0]} to {counts[-1]}'
     return ', '.join(map(str, counts))
-
-
-def _digits(x: float, up: bool) -> str:
-    """Return a number to two digits, rounded up or down."""
-    if not 0.0 < x < math.inf:
-        return f'{x:g}'
-    step = 10.0 ** (math.floor(math.log10(x)) - 1)
-    return f'{rounded((math.ceil if up else math.floor)(x / step) * step, 2):g}'

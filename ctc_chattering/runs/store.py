@@ -35,15 +35,8 @@ import ctc_chattering
 from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.input_files import read_bytes, read_text
-from ctc_chattering.output_files import (
-    beside,
-    check_owner,
-    finite,
-    held,
-    OutputFolder,
-    read_contents,
-    writing,
-)
+from ctc_chattering.output_files import finite, writing
+from ctc_chattering.output_folder import beside, check_owner, held, OutputFolder, read_contents
 from ctc_chattering.runs.points import Points
 import numpy as np
 import numpy.typing as npt

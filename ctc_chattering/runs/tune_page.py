@@ -24,9 +24,11 @@ from typing import Any
 from ctc_chattering.analysis import drawing, page
 from ctc_chattering.analysis.drawing import legend_of
 from ctc_chattering.analysis.page import FigureFile
-from ctc_chattering.analysis.tables import columns, number_text, rounded, Table
+from ctc_chattering.analysis.tables import columns, Table
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.output_files import check_format, new_folder, replacing, write_json
+from ctc_chattering.number_format import format_joint_values, round_number
+from ctc_chattering.output_files import check_format, replacing, write_json
+from ctc_chattering.output_folder import new_folder
 from ctc_chattering.runs.figures import Mark, panels, trade_off
 from ctc_chattering.runs.spec import rows_of
 from ctc_chattering.runs.store import write_table
@@ -65,7 +67,7 @@ def facts(tuning: Tuning) -> Iterator[tuple[str, str]]:
     for name, most, unit in ((TORQUE, spec.limits.torque, 'N·m'),
                              (RATE, spec.limits.rate, 'N·m/s')):
         yield f'limit of the {name}', 'none' if min(most) == inf else (
-            f'{number_text(most)} {unit}')
+            f'{format_joint_values(most)} {unit}')
     yield 'trials that violate', ', '.join(
         f'{name}: {n}' for name in CONSTRAINTS
         if (n := sum(x.score.excess[name] > 0.0 for x in tuning.trials))) or 'none'
@@ -86,11 +88,11 @@ def table_of(tuning: Tuning) -> list[list[str]]:
         values, searched = config.as_mapping(), space(config)
         rows.append([
             f'{x.name} *' if x is tuning.best else x.name,
-            *(number_text(values[name], _MANY) if config.takes(name) and (
+            *(format_joint_values(values[name], _MANY) if config.takes(name) and (
                 name in searched or name not in SPACE) else '' for name in gains),
             f'{x.drawn.error:.3g}', f'{x.fresh.error:.3g}',
             f'{x.drawn.variation:.4g}', f'{x.fresh.variation:.4g}',
-            *(number_text([rounded(y) for y in most], _MANY)
+            *(format_joint_values([round_number(y) for y in most], _MANY)
               for most in (x.fresh.torque, x.fresh.rate)),
             violated(x.fresh)])
     return rows

@@ -29,7 +29,6 @@ from math import inf, sqrt
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.package_share import find_config
@@ -39,6 +38,7 @@ from ctc_chattering.control.laws.registry import laws_by_parameter, OF_SWITCHING
 from ctc_chattering.control.recommended_gains import RECOMMENDED_LAW, RECOMMENDED_SWITCHING
 from ctc_chattering.errors import CtcError, ParameterError, prefixed
 from ctc_chattering.input_files import read_text
+from ctc_chattering.number_format import round_number
 from ctc_chattering.parameters import LEAST
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import limits
@@ -324,7 +324,7 @@ def _check(spec: TuneSpec) -> None:
 
 def _rounded(value: Any) -> Any:
     """Return a number, or a list of them, to four digits."""
-    return [_rounded(x) for x in value] if isinstance(value, list) else rounded(value, 4)
+    return [_rounded(x) for x in value] if isinstance(value, list) else round_number(value, 4)
 
 
 #: Names in the directory that `ctc identify` writes.

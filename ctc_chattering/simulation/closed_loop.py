@@ -128,7 +128,7 @@ class Run:
 
 
 @np.errstate(all='ignore')  # An overflow gives a torque that is not finite.
-def simulate(plant: PlantConfig, controller: ControllerConfig, reference: ReferenceConfig,
+def run_closed_loop(plant: PlantConfig, controller: ControllerConfig, reference: ReferenceConfig,
              events: Sequence[Event] = (),
              progress: Callable[[float], None] | None = None, truth: bool = False,
              route: Route | None = None, robot: Plant | None = None,
@@ -226,7 +226,7 @@ class _Loop:
     table : array, shape (samples + delay, 3, n)
         Points of the reference, from `reference_table`, also at lost samples.
     truth : bool
-        As in `simulate`.
+        As in `run_closed_loop`.
 
     """
 

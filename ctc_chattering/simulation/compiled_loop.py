@@ -15,8 +15,8 @@
 """
 The closed loop as one piece of machine code.
 
-`closed_loop.simulate` runs a `CompiledLoop` where plant and controller can be machine code, and
-its own loop in plain Python elsewhere. `run_loop` is that loop once more, over records in memory,
+`run_closed_loop` runs a `CompiledLoop` where plant and controller can be machine code, and its own
+loop in plain Python elsewhere. `run_loop` is that loop once more, over records in memory,
 from the first sample to the last. It calls the steps of plant and controller by their addresses,
 so that these are compiled once for all loops. A run then takes milliseconds.
 """

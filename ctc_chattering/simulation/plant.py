@@ -16,7 +16,7 @@
 The simulated robot.
 
 It is equation (1) with rigid or elastic joints, drives, sensors and a network. The node `plant`
-and `closed_loop.simulate` step a `Plant` with torques. `plant_step.py` says what happens from one
+and `run_closed_loop` step a `Plant` with torques. `plant_step.py` says what happens from one
 sample to the next, in plain Python or compiled. This module does the remainder: the start, a
 change of parameters, and random numbers.
 """

@@ -25,10 +25,10 @@ import re
 from xml.etree import ElementTree
 
 from ctc_chattering.analysis.drawing import save
-from ctc_chattering.analysis.figures import tracking
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.result import Result
+from ctc_chattering.analysis.run_figures import tracking
 from ctc_chattering.analysis.run_page import write_page
 from ctc_chattering.analysis.tables import bold, columns, markdown, markdown_table
 from ctc_chattering.dynamics.two_link import TwoLink

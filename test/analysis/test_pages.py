@@ -24,7 +24,6 @@ from urllib.parse import unquote
 from xml.etree import ElementTree
 
 from browser import browser_page, eventually, inked
-from ctc_chattering.analysis.figures import internals
 from ctc_chattering.analysis.markup import component
 from ctc_chattering.analysis.page import (
     FigureFile,
@@ -38,12 +37,15 @@ from ctc_chattering.analysis.page import (
 from ctc_chattering.analysis.page import (
     write_page as write_sections,
 )
-from ctc_chattering.analysis.result import LAW_COLOURS, Result, write_metrics
-from ctc_chattering.analysis.run_page import write_page, write_samples
+from ctc_chattering.analysis.result import Result, write_metrics
+from ctc_chattering.analysis.run_figures import internals
+from ctc_chattering.analysis.run_names import LAW_COLOURS
+from ctc_chattering.analysis.run_page import write_page
+from ctc_chattering.analysis.run_samples import write_samples
 from ctc_chattering.analysis.tables import bold, Table
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
-from ctc_chattering.simulation.closed_loop import Event, Run, simulate
+from ctc_chattering.simulation.closed_loop import Event, Run, run_closed_loop
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
 from made_up_runs import made_up
@@ -62,7 +64,7 @@ def result_of(law: str, duration: float, experiment: str = 'friction',
     if change is not None:
         configs.append((change, LAWS['chattering']))
         events.append(Event(change, 'controller', {'law': 'chattering'}))
-    run = simulate(PlantConfig(duration=duration), LAWS[law], ReferenceConfig(), events)
+    run = run_closed_loop(PlantConfig(duration=duration), LAWS[law], ReferenceConfig(), events)
     return Result(experiment, configs, run)
 
 
@@ -154,7 +156,7 @@ def test_a_file_that_cannot_be_written(results: list[Result], tmp_path: Path) ->
 def test_notes_are_on_the_page(tmp_path: Path) -> None:
     """Check the notes on a short run, one with gaps, and one whose ka is too small."""
     config = ControllerConfig(switching='implicit', ka=(8.0, 8.0))
-    run = simulate(PlantConfig(duration=6.0), config, ReferenceConfig())
+    run = run_closed_loop(PlantConfig(duration=6.0), config, ReferenceConfig())
     lossy = Run(*(np.delete(x, np.s_[5200:5300], axis=0) for x in list(vars(run).values())[:-1]))
     weak = Result('weak', [(0.0, config)], run, source='one')
     assert any('ka too small' in ax.get_title('right') for ax in internals(weak).axes)
@@ -235,8 +237,8 @@ def test_the_page_of_runs_in_a_browser(started_browser: Any, tmp_path: Path) -> 
                    'x => x.getAttribute("stroke"))')
         eventually(lambda: {*page.evaluate(strokes)} == {
             LAW_COLOURS['compensation'], LAW_COLOURS['chattering']}, 'colours', page)
-        page.get_by_text('torque less that of the first run').click()
-        less = page.locator('.ctc-panel', has_text='torque less that of the first run')
+        page.get_by_text('torque minus that of the first run').click()
+        less = page.locator('.ctc-panel', has_text='torque minus that of the first run')
         eventually(lambda: less.count() == 7, 'differences', page)
         assert less.first.locator('.ctc-key').count() == 1
         assert page.locator('.ctc-panel').first.inner_text().count(HOSTILE[:9]) == 0

@@ -25,8 +25,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from bags import entries, Entry, nanoseconds, write_bag
-from ctc_chattering.analysis.result import Replay, ReplayVerdict, simulate
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.analysis.signals import SignalOrigin
+from ctc_chattering.analysis.terms import Replay, ReplayVerdict
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
 from ctc_commands import ctc
@@ -141,7 +142,7 @@ def test_real_time_on_a_busy_machine(tmp_path: Path) -> None:
     assert status == 0, output
     check_what_is_shown(bag, tmp_path / 'out')
     page = (tmp_path / 'out' / 'index.html').read_text()
-    assert 'Where the samples come from' in page
+    assert 'Origin of the samples' in page
     assert 'each when the recorder received it' in page
 
 

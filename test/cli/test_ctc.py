@@ -29,7 +29,7 @@ from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.cli.ctc import COMMANDS
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.output_files import LIST
+from ctc_chattering.output_folder import LIST
 from ctc_chattering.simulation import closed_loop
 from ctc_chattering.simulation.closed_loop import Run
 from ctc_commands import ctc, ctc_process, python, refused
@@ -78,7 +78,7 @@ def test_simulate(tmp_path: Path) -> None:
     assert arrays['t'].shape == (10001,)
     assert {arrays[name].shape for name in ARRAYS[1:]} == {(10001, 2)}
     setup = parameter_file.load(FRICTION, {'controller': {'law': 'compensation'}})
-    run = closed_loop.simulate(setup.plant, setup.controller, setup.reference)
+    run = closed_loop.run_closed_loop(setup.plant, setup.controller, setup.reference)
     same(arrays, run)
     assert {key: entry.pop(key) for key in metrics(run)} == metrics(run)
     assert entry == {
@@ -104,7 +104,7 @@ def test_options_stand_above_the_file(tmp_path: Path) -> None:
     setup = parameter_file.load(None, {
         '/**': {'control_period': 0.002}, 'controller': {'switching': 'implicit'},
         'plant': {'duration': 0.1}})
-    same(arrays, closed_loop.simulate(setup.plant, setup.controller, setup.reference))
+    same(arrays, closed_loop.run_closed_loop(setup.plant, setup.controller, setup.reference))
 
 
 def test_existing_output(tmp_path: Path, short: Path) -> None:

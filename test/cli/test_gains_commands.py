@@ -22,7 +22,7 @@ from typing import Any
 
 from ctc_chattering.cli.ctc import main
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.output_files import LIST
+from ctc_chattering.output_folder import LIST
 from identified_bags import recorded_bag, short
 import numpy as np
 import pytest

@@ -28,7 +28,7 @@ from typing import Any
 
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.output_files import held, LIST
+from ctc_chattering.output_folder import held, LIST
 from ctc_chattering.runs import store
 from ctc_chattering.runs.points import Runs
 from ctc_chattering.runs.spec import read_spec

@@ -21,7 +21,7 @@ import os
 from pathlib import Path
 
 from ctc_chattering.cli.ctc import COMMANDS
-from ctc_chattering.output_files import claim
+from ctc_chattering.output_folder import claim
 from ctc_commands import ctc, refused
 from map_specs import written
 import pytest

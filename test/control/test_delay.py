@@ -17,7 +17,7 @@
 from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.simulation.closed_loop import simulate
+from ctc_chattering.simulation.closed_loop import run_closed_loop
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
 import numpy as np
@@ -89,7 +89,7 @@ def test_prediction_helps(switching: str, bound: float, factor: float) -> None:
 
     The observer's estimate is d samples old when it is used, which adds d h² M⁻¹ dP/dt.
     """
-    known, unknown = (np.abs(simulate(
+    known, unknown = (np.abs(run_closed_loop(
         PlantConfig(duration=2.2, input_delay=3, coulomb_friction=(0.0, 0.0)),
         ControllerConfig(switching=switching, input_delay=d), ReferenceConfig()).v[1500:]).max()
         for d in (3, 0))

@@ -26,7 +26,7 @@ from ctc_chattering.control.standstill import (
     Standstill,
     StandstillDetector,
 )
-from ctc_chattering.simulation.closed_loop import simulate
+from ctc_chattering.simulation.closed_loop import run_closed_loop
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig, Trapezoid
 import numpy as np
@@ -43,7 +43,7 @@ def slips(law: dict[str, Any], plant: dict[str, Any]) -> int:
     """Return how often a joint begins to slide 0.1 s after the end of a move, or later."""
     drives = {'actuator_lag': [2e-3, 2e-3], 'torque_rate_limit': [5e3, 1e3], 'compiled': False}
     motion = ReferenceConfig(profile='trapezoid', frequency=(0.6, 0.6), start_duration=0.0)
-    run = simulate(
+    run = run_closed_loop(
         PlantConfig.from_mapping({**drives, 'duration': 2.1, 'encoder_resolution': [1e-5] * 2,
                                   'initial_position': list(Trapezoid(motion).at(0)[0]),
                                   **plant}),

@@ -27,7 +27,7 @@ from ctc_chattering.controller.positions import find_jump, JointSample, LIMITS, 
 from ctc_chattering.controller.state_machine import Input, Mode
 from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.numerics.angles import within_turn
-from ctc_chattering.simulation.closed_loop import simulate
+from ctc_chattering.simulation.closed_loop import run_closed_loop
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.buffer import Point
@@ -336,10 +336,10 @@ def test_a_simulation_begins_with_the_same_turn_to_the_last_bit() -> None:
         robot.loop.take_state(JointSample(k * MS, *body.measured), k * MS, True)
         robot.answer()
         body.step(robot.sent[-1])
-    run = simulate(plant, robot.config, ReferenceConfig())
+    run = run_closed_loop(plant, robot.config, ReferenceConfig())
     assert run.tau.tolist() == robot.sent
     assert np.abs(run.e).max() <= pi
     assert run.q[0] == pytest.approx([9.0 - TURN, -12.0 + 2.0 * TURN])
-    counted = simulate(plant.changed({'continuous_joints': ['']}), robot.config.changed(
+    counted = run_closed_loop(plant.changed({'continuous_joints': ['']}), robot.config.changed(
         {'continuous_joints': ['']}), ReferenceConfig())
     assert np.abs(counted.e[0]).tolist() == pytest.approx([9.0 - pi, 12.0 + 0.5 * pi])

@@ -24,7 +24,7 @@ from ctc_chattering.analysis.terms import terms
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.controller.health import ControllerHealth
 from ctc_chattering.controller.term_saturation import Saturation, term_saturation
-from ctc_chattering.simulation.closed_loop import simulate
+from ctc_chattering.simulation.closed_loop import run_closed_loop
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
 import numpy as np
@@ -82,7 +82,7 @@ def test_a_running_controller_looks_at_the_last_thousand_samples() -> None:
 def loop(switching: str, ka: float, **plant: Any) -> list[Saturation]:
     """Return what a simulated loop shows in the second second; its friction is 9.9 N·m."""
     config = ControllerConfig(switching=switching, ka=(ka, ka), observer_bandwidth=200.0)
-    run = simulate(PlantConfig(duration=2.0, **plant), config, ReferenceConfig())
+    run = run_closed_loop(PlantConfig(duration=2.0, **plant), config, ReferenceConfig())
     rows = terms(run, [(0.0, config)]).robust[1000:]
     return term_saturation([(rows, config.ka, switching)])
 

@@ -42,8 +42,8 @@ from ctc_chattering.identification.random_motions import (
     ExcitationConfig,
     random_motion,
 )
-from ctc_chattering.output_files import LIST
-from ctc_chattering.simulation.closed_loop import Run, simulate
+from ctc_chattering.output_folder import LIST
+from ctc_chattering.simulation.closed_loop import Run, run_closed_loop
 from ctc_chattering.simulation.plant import make_plant
 from ctc_chattering.trajectory.joint_limits import read_limits
 from ctc_chattering.trajectory.reference import make_motion
@@ -187,7 +187,7 @@ def test_the_peak_torque_is_that_of_the_motion(motion: Motion) -> None:
 def run_of(motion: Motion) -> Run:
     setup = motion.setup
     text = setup.descriptions.get('plant', '')
-    return simulate(setup.plant, setup.controller, setup.reference, route=setup.route,
+    return run_closed_loop(setup.plant, setup.controller, setup.reference, route=setup.route,
                     robot=make_plant(setup.plant, text), model=model(setup))
 
 

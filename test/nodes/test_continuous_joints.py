@@ -21,7 +21,8 @@ from math import pi
 from pathlib import Path
 
 from controller_process import ControllerUnderTest
-from ctc_chattering.analysis.result import export, simulate
+from ctc_chattering.analysis.export import export
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.recorded_reference import read_reference
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.configuration import parameter_file

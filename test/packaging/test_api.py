@@ -32,8 +32,9 @@ import pytest
 
 ROOT = Path(ctc_chattering.__file__).parent
 #: Each imports only what stands before it.
-ORDER = ('errors', 'input_files', 'output_files', 'parameters', 'compiled', 'numerics',
-         'dynamics', 'trajectory', 'control', 'margins', 'controller', 'simulation',
+ORDER = ('errors', 'number_format', 'input_files', 'output_files', 'output_folder',
+         'parameters', 'compiled',
+         'numerics', 'dynamics', 'trajectory', 'control', 'margins', 'controller', 'simulation',
          'configuration', 'analysis', 'c_export', 'ros', 'bags', 'nodes', 'launch', 'runs',
          'identification', 'live', 'cli')
 FOLDERS = ORDER[ORDER.index('compiled'):]

@@ -32,7 +32,8 @@ from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory, find_config
 from ctc_chattering.control.laws.registry import LAWS, SWITCHINGS
 from ctc_chattering.errors import CtcError
-from ctc_chattering.output_files import finite, LIST
+from ctc_chattering.output_files import finite
+from ctc_chattering.output_folder import LIST
 from ctc_chattering.runs import compare_page
 from ctc_chattering.runs.compare import Comparison, tasks, variants
 from ctc_chattering.runs.compare_page import Outcome, outcomes, write_parameters

@@ -37,8 +37,7 @@ from ctc_chattering.runs.score import (
     slips_at_rest,
 )
 from ctc_chattering.runs.spec import Failure
-from ctc_chattering.simulation.closed_loop import Run
-from ctc_chattering.simulation.closed_loop import simulate as simulated
+from ctc_chattering.simulation.closed_loop import Run, run_closed_loop
 from map_specs import evaluate, ON_TRACK
 import numpy as np
 import pytest
@@ -148,7 +147,7 @@ def test_the_numbers_are_those_of_the_true_states(way: str) -> None:
     made = setup_for(way)
     row = evaluate(made, LATE, NONE)
     made = setup_for(PLAIN_PYTHON)
-    run = simulated(made.plant, made.controller, made.reference, truth=True)
+    run = run_closed_loop(made.plant, made.controller, made.reference, truth=True)
     inside = slice(100, 201)
     e, tau = (run.q_d - run.q)[inside], run.tau[inside]
     step = np.abs(np.diff(tau, axis=0))
@@ -177,7 +176,7 @@ def test_a_run_that_diverges_has_no_numbers(way: str) -> None:
 
 def middle_torque(made: Setup) -> float:
     """Return the median torque of joint 1 in the window."""
-    run = simulated(made.plant, made.controller, made.reference, truth=True)
+    run = run_closed_loop(made.plant, made.controller, made.reference, truth=True)
     return float(np.median(np.abs(run.tau[100:, 0])))
 
 
@@ -186,7 +185,7 @@ def test_the_first_limit_that_is_exceeded_is_named() -> None:
     limit = middle_torque(noisy())
     made = noisy(effort_limit=[limit, 1e3])
     found = evaluate(made, LATE, NONE)
-    run = simulated(made.plant, made.controller, made.reference, truth=True)
+    run = run_closed_loop(made.plant, made.controller, made.reference, truth=True)
     part = float((np.abs(run.tau[100:, 0]) >= limit).mean())
     assert 0.0 < part < 1.0
     assert found['saturated'] == pytest.approx(part)

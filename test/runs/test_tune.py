@@ -26,7 +26,7 @@ import sys
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError, UsageError
-from ctc_chattering.output_files import LIST
+from ctc_chattering.output_folder import LIST
 from ctc_chattering.runs import tune_page as report
 from ctc_chattering.runs.points import row_of, Runs
 from ctc_chattering.runs.pool import processes

@@ -19,7 +19,7 @@ from typing import Any
 from ctc_chattering.analysis.terms import RunTerms, terms
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
-from ctc_chattering.simulation.closed_loop import Event, Run, simulate
+from ctc_chattering.simulation.closed_loop import Event, Run, run_closed_loop
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 import numpy as np
@@ -31,7 +31,7 @@ from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 def _run(h: float = 1e-3, duration: float = 10.0, law: str = 'chattering',
          plant: dict[str, Any] | None = None, controller: dict[str, Any] | None = None,
          events: tuple[Event, ...] = ()) -> Run:
-    return simulate(
+    return run_closed_loop(
         PlantConfig.from_mapping({'control_period': h, 'duration': duration, **(plant or {})}),
         ControllerConfig.from_mapping({'control_period': h, 'law': law, **(controller or {})}),
         ReferenceConfig(control_period=h), events)
@@ -93,7 +93,7 @@ def test_joints_of_the_reference_in_another_order() -> None:
                               frequency=(2.0, 1.0))
     straight = ReferenceConfig(frequency=(1.0, 2.0))
     plant, law = PlantConfig(duration=0.2), ControllerConfig()
-    a, b = simulate(plant, law, swapped), simulate(plant, law, straight)
+    a, b = run_closed_loop(plant, law, swapped), run_closed_loop(plant, law, straight)
     assert (a.q == b.q).all()
     assert (a.q_d == b.q_d).all()
 
@@ -105,7 +105,7 @@ def test_refuses_an_endless_run_and_tells_progress() -> None:
     times: list[float] = []
     for compiled in (True, False):
         times.clear()
-        simulate(PlantConfig(duration=0.5, compiled=compiled), ControllerConfig(),
+        run_closed_loop(PlantConfig(duration=0.5, compiled=compiled), ControllerConfig(),
                  ReferenceConfig(), (), times.append)
         assert times == sorted(times)
         assert (times[0], times[-1]) == (0.0, 0.5)
@@ -159,7 +159,7 @@ def test_lyapunov_function_does_not_grow() -> None:
 
 
 def _started(duration: float, reference: dict[str, Any], **plant: Any) -> Run:
-    return simulate(PlantConfig(duration=duration, **plant), ControllerConfig(),
+    return run_closed_loop(PlantConfig(duration=duration, **plant), ControllerConfig(),
                     ReferenceConfig.from_mapping(reference))
 
 

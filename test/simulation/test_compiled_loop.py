@@ -143,7 +143,7 @@ def test_a_run_that_does_not_end(speed: float, controller: dict[str, Any], words
             motion=robot.state.motion._replace(q=q, dq=dq), shown=Measured(q, dq)),
             np.zeros((1, 2)))
         with pytest.raises(CtcError) as error:
-            closed_loop.simulate(config, setup.controller, setup.reference, robot=robot)
+            closed_loop.run_closed_loop(config, setup.controller, setup.reference, robot=robot)
         texts.append(str(error.value))
     assert words in texts[0]
     if 'diverged' in words:
@@ -158,7 +158,7 @@ def test_what_is_plain_python() -> None:
 
     def compiled(events: tuple[Event, ...] = (), plant: dict[str, Any] | None = None,
                  controller: dict[str, Any] | None = None, **more: Any) -> bool:
-        return closed_loop.simulate(
+        return closed_loop.run_closed_loop(
             setup.plant.changed(plant or {}), setup.controller.changed(controller or {}),
             setup.reference, events, **more).compiled
 
@@ -176,7 +176,7 @@ def test_the_gravity_is_that_of_the_model() -> None:
     setup = loaded(plant={'duration': 0.1})
     compile_runs(setup)
     plants = [setup.plant.changed({'compiled': compiled}) for compiled in (False, True)]
-    runs = [closed_loop.simulate(
+    runs = [closed_loop.run_closed_loop(
         plant, setup.controller, setup.reference, robot=Plant(plant, TwoLink(3.0)),
         model=TwoLink(9.81)) for plant in plants]
     assert [run.compiled for run in runs] == [False, True]

@@ -32,7 +32,7 @@ LAW = ControllerConfig(ka=(12.0, 12.0), switching='implicit_observer')
 
 
 def run_of(**plant: Any) -> Run:
-    return closed_loop.simulate(PlantConfig(duration=1.0, **plant), LAW, ReferenceConfig())
+    return closed_loop.run_closed_loop(PlantConfig(duration=1.0, **plant), LAW, ReferenceConfig())
 
 
 def same(one: Run, other: Run) -> bool:

@@ -17,7 +17,7 @@
 from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.simulation.closed_loop import Run, simulate
+from ctc_chattering.simulation.closed_loop import Run, run_closed_loop
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
@@ -31,7 +31,7 @@ FREE = {'coulomb_friction': [0.0, 0.0]}
 
 def _run(switching: str, h: float, duration: float, plant: dict[str, Any] | None = None,
          **controller: Any) -> Run:
-    return simulate(
+    return run_closed_loop(
         PlantConfig.from_mapping({'control_period': h, 'duration': duration, **(plant or {})}),
         ControllerConfig.from_mapping(
             {'control_period': h, 'switching': switching, **controller}),

@@ -31,7 +31,7 @@ from ctc_chattering.identification.regressor import BodyRegressor
 from ctc_chattering.identification.stretches import split_recording
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.identification.windows import join_windows, Windows
-from ctc_chattering.simulation.closed_loop import Run, simulate
+from ctc_chattering.simulation.closed_loop import Run, run_closed_loop
 from ctc_chattering.simulation.plant import make_plant, Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
@@ -91,7 +91,7 @@ def record(name: str, seed: int, duration: float = 60.0, *, period: float = 1e-3
     model = model_of(law, robot.urdf)
     body = Plant(config, truth) if isinstance(truth, Model) else make_plant(
         config, truth or robot.urdf)
-    run = simulate(config, law, ReferenceConfig(
+    run = run_closed_loop(config, law, ReferenceConfig(
         joint_names=robot.joints, control_period=period, center=(0.0,) * n,
         amplitude=(0.0,) * n, frequency=(0.0,) * n, phase=(0.0,) * n),
         route=route, robot=body, model=model)

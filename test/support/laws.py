@@ -22,7 +22,7 @@ from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.errors import CtcError
-from ctc_chattering.simulation.closed_loop import Event, Run, simulate
+from ctc_chattering.simulation.closed_loop import Event, Run, run_closed_loop
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
 import numpy as np
@@ -66,7 +66,7 @@ def run(law: str, duration: float = 4.0, friction: float = 9.9, offset: float = 
     """Simulate the two-link arm from the reference on, `offset` [rad] beside it."""
     start = [math.pi + offset, math.pi / 2 - offset]
     speed = [2.0 * math.pi * amplitude] * 2
-    return simulate(
+    return run_closed_loop(
         PlantConfig.from_mapping({
             'duration': duration, 'coulomb_friction': [friction] * 2, 'initial_position': start,
             'initial_velocity': speed, **(plant or {})}),

@@ -36,7 +36,7 @@ from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.launch.graph import one_processor, run_graph
-from ctc_chattering.simulation.closed_loop import simulate
+from ctc_chattering.simulation.closed_loop import run_closed_loop
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.trajectory.reference import make_motion
 
@@ -115,7 +115,7 @@ def simulation_time(compiled: bool) -> float:
     times = []
     for _ in range(5):
         begin = time.process_time()
-        simulate(setup.plant, setup.controller, setup.reference)
+        run_closed_loop(setup.plant, setup.controller, setup.reference)
         times.append(time.process_time() - begin)
     return statistics.median(times)
 

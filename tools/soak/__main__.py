@@ -24,7 +24,8 @@ import sys
 
 from ctc_chattering.cli.command_line import guarded
 from ctc_chattering.errors import ParameterError
-from ctc_chattering.output_files import beside, check_folder, finite, write_text
+from ctc_chattering.output_files import finite, write_text
+from ctc_chattering.output_folder import beside, check_folder
 from ctc_chattering.ros.process import collect_signals
 from soak.report import complaints, to_markdown
 from soak.run import run

@@ -14,7 +14,7 @@ const KINDS = {
   V: { title: 'log₁₀ of V', unit: 'J', lines: ['logV'], common: true, whole: true },
   torque: { title: 'torque', unit: 't', lines: ['torque', 'effort', 'nominal',
     'compensation', 'robust'] },
-  difference: { title: 'torque less that of the first run', unit: 't', lines: ['torque'],
+  difference: { title: 'torque minus that of the first run', unit: 't', lines: ['torque'],
     between: true },
   rate: { title: 'torque rate', unit: 't/s', lines: ['rate'] },
   spectrum_e: { title: 'log₁₀ of spectrum of error', unit: 'p', lines: ['e'], spectrum: true },
@@ -156,7 +156,7 @@ class Panel {
     const factor = this.exponent ? power(this.exponent) + ' ' : '';
     const joint = this.joints.length === 1 && !KINDS[this.kind].common
       ? ' of ' + this.plots.data.joints[this.joints[0]] : '';
-    const offset = this.offset ? `, less ${Number(this.offset.toPrecision(12))}` : '';
+    const offset = this.offset ? `, minus ${Number(this.offset.toPrecision(12))}` : '';
     const text = KINDS[this.kind].title + joint + offset + ` [${factor}${this.unit}]`
       + (KINDS[this.kind].spectrum ? ' over frequency [Hz]' : '')
       + (this.empty ? ': no samples' : '');

@@ -2,8 +2,8 @@
 //
 //   const plots = ctcPlots.mount(element, data, options);
 //
-// data = {joints: ['joint1', ...], units: ['rad', ...], runs: [run, ...]}, one or two runs (more
-// are drawn, too, each in its colour); units are those of the positions, by default rad.
+// data = {joints: ['joint1', ...], units: ['rad', ...], runs: [run, ...]}: one or more runs, each in
+// its colour. Units are those of the positions, by default rad.
 // run = {name: 'chattering', t: [...], signals: {e: [[...], ...], V: [[...]], ...}}: times [s],
 // and for each signal one column for each joint, V one in all. Arrays may be plain or typed.
 // A run may have its colour, '#rrggbb', and received: true where torques stand at times of
@@ -29,9 +29,6 @@
 // plots.mark(t)          draws a line at a time; null for none
 // plots.show(from, to)   zooms; without arguments all is shown, or the last seconds
 // plots.remove()         takes all away
-
-const HELP = 'Drag or WHEEL to zoom, Shift and drag to move, double click for all; SEEK'
-  + 'keys: ← → + − Home';
 
 class Plots {
   constructor(element, data, options = {}) {
@@ -144,10 +141,12 @@ class Plots {
     button('SVG', () => save(this, 'svg'));
     button('CSV', () => save(this, 'csv'));
     this.time = made('span', tools, 'ctc-time');
-    const wheel = this.options.wheel === 'always' ? 'wheel' : 'Ctrl and wheel';
-    made('p', this.element, 'ctc-hint', HELP.replace('WHEEL', wheel).replace(
-      'SEEK', this.options.onSeek ? 'click to go there; ' : '') + (this.options.settled
-      ? `. The first ${Number(this.options.settled.toPrecision(3))} s do not scale errors and torques.` : ''));
+    const { wheel, onSeek, settled } = this.options;
+    made('p', this.element, 'ctc-hint', [
+      `Zoom: drag, or ${wheel === 'always' ? '' : 'Ctrl and '}wheel. Move: Shift and drag.`,
+      'Show all: double-click.', onSeek ? 'Go to a time: click.' : '', 'Keys: ← → + − Home.',
+      settled ? `Axes are scaled without errors and torques of the first ${Number(settled.toPrecision(3))} s.` : '',
+    ].filter(Boolean).join(' '));
   }
   resize() {
     if (this.width === this.element.clientWidth && this.panels.every(panel => panel.sized)) return;

@@ -76,7 +76,7 @@ def test_the_range_of_inertia_that_is_stable() -> None:
 
 def real(law: dict[str, Any], scale: float, duration: float, start: float = 0.0) -> Run:
     """Simulate the arm as drives and encoders are, from rest at q = 0, with a wrong model."""
-    return closed_loop.simulate(
+    return closed_loop.run_closed_loop(
         PlantConfig.from_mapping({'duration': duration, 'coulomb_friction': [9.9] * 2, **REAL}),
         ControllerConfig.from_mapping(
             {'inertia_scale': scale, 'gravity_scale': scale, 'input_delay': DELAY, **law}),

@@ -21,12 +21,13 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from ctc_chattering.analysis import drawing, figures
-from ctc_chattering.analysis.result import LAW_COLOURS, Result
+from ctc_chattering.analysis import drawing, run_figures
+from ctc_chattering.analysis.result import Result
+from ctc_chattering.analysis.run_names import LAW_COLOURS, run_name
 from ctc_chattering.analysis.signals import SignalOrigin
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
-from ctc_chattering.simulation.closed_loop import Event, Run, simulate
+from ctc_chattering.simulation.closed_loop import Event, Run, run_closed_loop
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
 from figure_layout import overlaps
@@ -37,7 +38,7 @@ import numpy as np
 import pytest
 
 pytestmark = pytest.mark.filterwarnings('error')
-DRAWN = (figures.tracking, figures.torques, figures.internals)
+DRAWN = (run_figures.tracking, run_figures.torques, run_figures.internals)
 GANTRY = """<robot name="gantry"><link name="a"/><link name="b"/><link name="c"/>
 <joint name="axis0" type="prismatic"><parent link="a"/><child link="b"/>
 <limit lower="-1" upper="1" effort="9" velocity="9"/></joint>
@@ -49,7 +50,7 @@ def simulated(law: str, duration: float, experiment: str = 'friction', **values:
     config = ControllerConfig(law=law, **values)
     change = [(0.6, dataclasses.replace(config, law='chattering'))] * (experiment == 'switch')
     events = [Event(t, 'controller', {'law': after.law}) for t, after in change]
-    run = simulate(PlantConfig(duration=duration), config, ReferenceConfig(), events)
+    run = run_closed_loop(PlantConfig(duration=duration), config, ReferenceConfig(), events)
     return Result(experiment, [(0.0, config), *change], run)
 
 
@@ -78,7 +79,7 @@ def texts(ax: Axes) -> str:
 
 
 def test_tracking_draws_positions_reference_and_error(chattering: Result) -> None:
-    run, figure = chattering.run, figures.tracking(chattering)
+    run, figure = chattering.run, run_figures.tracking(chattering)
     for i in range(2):
         ax = panel(figure, 'rad', i)
         assert np.array_equal(drawn(ax), run.q[:, i])
@@ -92,7 +93,7 @@ def test_tracking_draws_positions_reference_and_error(chattering: Result) -> Non
 
 
 def test_torques_show_the_steady_part_and_say_what_is_cut(chattering: Result) -> None:
-    run, figure = chattering.run, figures.torques(chattering)
+    run, figure = chattering.run, run_figures.torques(chattering)
     for i in range(2):
         ax = panel(figure, 'N·m', i)
         assert np.array_equal(drawn(ax), run.tau[:, i]) and len(ax.lines) == 1
@@ -104,13 +105,13 @@ def test_torques_show_the_steady_part_and_say_what_is_cut(chattering: Result) ->
     ax = panel(figure, 'N·m', enlarged=True)
     assert np.array_equal(drawn(ax), run.tau[run.t >= 5.8 - 1e-9, 0])
     assert ax.lines[0].get_drawstyle() == 'steps-post'
-    ax = panel(figures.torques(made_up(2)), 'N·m')
+    ax = panel(run_figures.torques(made_up(2)), 'N·m')
     assert ax.get_ylim()[0] < drawn(ax).min() and drawn(ax).max() < ax.get_ylim()[1]
     assert not ax.get_title('right'), 'there is no peak'
 
 
 def test_internals_draw_v_lyapunov_and_chattering(chattering: Result) -> None:
-    terms, figure = chattering.terms, figures.internals(chattering)
+    terms, figure = chattering.terms, run_figures.internals(chattering)
     ax = panel(figure, 'J')
     assert np.array_equal(drawn(ax), terms.lyapunov) and ax.get_yscale() == 'log'
     for i in range(2):
@@ -118,7 +119,7 @@ def test_internals_draw_v_lyapunov_and_chattering(chattering: Result) -> None:
         ax = panel(figure, 'N·m', i)
         assert np.array_equal(drawn(ax), terms.robust[:, i])
         assert ax.get_ylim() == (-12.5, 12.5)
-    ax = panel(figures.internals(simulated('compensation', 0.1)), 'N·m')
+    ax = panel(run_figures.internals(simulated('compensation', 0.1)), 'N·m')
     assert not drawn(ax).any() and 'not part of this law' in texts(ax)
 
 
@@ -140,7 +141,7 @@ def test_a_change_of_law_is_marked_and_every_axis_has_a_unit(switch: Result, dra
 def test_titles_name_the_figures_of_the_paper(
         experiment: str, law: str, numbers: tuple[int, ...]) -> None:
     result = simulated(law, 0.1, experiment)
-    titles = [draw(result).get_suptitle() for draw in (figures.tracking, figures.torques)]
+    titles = [draw(result).get_suptitle() for draw in (run_figures.tracking, run_figures.torques)]
     assert all(f'figure {k} of the paper' in x for k, x in zip(numbers, titles))
     assert ('paper' in ' '.join(titles)) == bool(numbers)
 
@@ -150,13 +151,13 @@ def test_any_number_of_joints_and_long_names() -> None:
     names = [f'left_gripper_finger_{i}_joint_with_a_long_name' for i in range(7)]
     runs = [made_up(7, 50, joint_names=names, law=law) for law in (
         'compensation', 'chattering', 'observer_feedback')]
-    tracking = figures.tracking(runs[1])
+    tracking = run_figures.tracking(runs[1])
     for i in range(7):
         assert np.array_equal(drawn(panel(tracking, 'rad', i)), runs[1].run.q[:, i])
-    assert len(figures.torques(runs[1]).axes) == 14
-    assert len(figures.internals(runs[1]).axes) == 22
+    assert len(run_figures.torques(runs[1]).axes) == 14
+    assert len(run_figures.internals(runs[1]).axes) == 22
     several = [dataclasses.replace(x, experiment=y) for y in ('a', 'b') for x in runs]
-    for figure in (tracking, figures.error_comparison(several)):
+    for figure in (tracking, run_figures.error_comparison(several)):
         assert not overlaps(figure)
     tracking.axes[0].legend(loc='upper right')
     assert any('legend' in text for text in overlaps(tracking))
@@ -169,14 +170,14 @@ def test_an_empty_run_is_refused_before_anything_is_written(
         with pytest.raises(CtcError, match=r'^friction: chattering: the run has no samples.*$'):
             draw(empty)
     with pytest.raises(CtcError, match='no samples'):
-        figures.save_figures([chattering, empty], tmp_path / 'new')
+        run_figures.save_figures([chattering, empty], tmp_path / 'new')
     assert not (tmp_path / 'new').exists()
 
 
 def test_comparison_puts_the_laws_of_an_experiment_together(
         chattering: Result, switch: Result) -> None:
     runs = simulated('compensation', 1.0), chattering
-    friction, changed = figures.error_comparison([*runs, switch]).axes
+    friction, changed = run_figures.error_comparison([*runs, switch]).axes
     assert [friction.get_title('left'), changed.get_title('left')] == ['friction', 'switch']
     for line, result in enumerate(runs):
         error = np.abs(result.run.q_d - result.run.q).sum(axis=1)
@@ -186,7 +187,7 @@ def test_comparison_puts_the_laws_of_an_experiment_together(
     assert '→ chattering' in texts(changed)
     assert friction.get_yscale() == 'log' and friction.get_ylim() == changed.get_ylim()
     results = [made_up(1), made_up(1, switching='implicit'), made_up(1, switching='implicit')]
-    ax = figures.error_comparison(results).axes[0]
+    ax = run_figures.error_comparison(results).axes[0]
     assert [line.get_label() for line in ax.lines] == [
         'chattering', 'chattering (implicit) #1', 'chattering (implicit) #2']
     assert len({line.get_color() for line in ax.lines}) == 3
@@ -197,7 +198,7 @@ def test_files_are_svg_with_title_and_caption_and_another_format(tmp_path: Path)
     made = made_up(1, 1, joint_names=['$\\bad$'])
     run = Run(**{**vars(made.run), 'q_d': made.run.q})
     result = Result('$\\frac$', made.configs, run, made.terms)
-    files = figures.save_figures([result], tmp_path / 'a' / 'b', 'pdf')
+    files = run_figures.save_figures([result], tmp_path / 'a' / 'b', 'pdf')
     assert [file.path.name.rpartition('_')[2] for file in files] == [
         'tracking.svg', 'torques.svg', 'internals.svg']
     for file in files:
@@ -210,13 +211,13 @@ def test_files_are_svg_with_title_and_caption_and_another_format(tmp_path: Path)
 def test_a_prismatic_joint_has_its_units() -> None:
     """Check metres and newtons, and that they are never added to radians."""
     result = dataclasses.replace(made_up(2, 6000), description=GANTRY)
-    figure = figures.tracking(result)
+    figure = run_figures.tracking(result)
     assert np.array_equal(drawn(panel(figure, 'm')), result.run.q[:, 0])
     assert np.array_equal(drawn(panel(figure, 'rad')), result.run.q[:, 1])
     assert [(ax.get_ylabel(), drawn(ax)[0]) for ax in figure.axes if '|e' in ax.get_ylabel()][
-        :2] == [('Σ |eᵢ| [m]', pytest.approx(0.1)), ('Σ |eᵢ| [rad]', pytest.approx(0.1))]
-    assert panel(figures.torques(result), 'N').get_ylabel() == 'force [N]'
-    assert {ax.get_ylabel() for ax in figures.internals(result).axes} == {
+        ::2] == [('Σ |eᵢ| [m]', pytest.approx(0.1)), ('Σ |eᵢ| [rad]', pytest.approx(0.1))]
+    assert panel(run_figures.torques(result), 'N').get_ylabel() == 'force [N]'
+    assert {ax.get_ylabel() for ax in run_figures.internals(result).axes} == {
         'V [J]', 'v [m/s]', 'v [rad/s]', 'z [N]', 'z [N·m]'}
     numbers = result.metrics()
     assert numbers['max_error_norm1_rad'] is None and 'prismatic' in numbers['notes'][0]
@@ -242,7 +243,8 @@ def test_gaps_break_the_lines_and_are_hatched() -> None:
                 hatched = [x for x in ax.collections if x.get_hatch()]
                 assert [path.get_extents().intervalx.tolist() for x in hatched
                         for path in x.get_paths()] == [pytest.approx([run.t[99], run.t[100]])]
-    assert 'hatched' in next(caption for _, _, caption in figures._figures([result]))
+    _, _, caption = next(run_figures._figures(result, run_name(result)))
+    assert 'hatched' in caption
 
 
 def plotted(names: list[str]) -> Figure:
@@ -302,10 +304,10 @@ def test_terms_of_every_tenth_sample_are_dots_in_the_slice(chattering: Result) -
     terms = dataclasses.replace(chattering.terms, origin=SignalOrigin.RECORDED, **{
         name: x[::10] for name, x in vars(chattering.terms).items() if name != 'origin'})
     result = dataclasses.replace(chattering, law_terms=terms)
-    figure = figures.internals(result)
+    figure = run_figures.internals(result)
     whole, part = panel(figure, 'N·m'), panel(figure, 'N·m', enlarged=True)
     assert np.array_equal(drawn(whole), terms.robust[:, 0])
     assert np.array_equal(np.asarray(whole.lines[0].get_xdata()), terms.t)
     assert (part.lines[0].get_linestyle(), part.lines[0].get_marker()) == ('None', '.')
-    captions = [caption for _, _, caption in figures._figures([result])]
+    captions = [caption for _, _, caption in run_figures._figures(result, run_name(result))]
     assert 'as the controller published them, every 10 ms' in captions[2]
