@@ -225,7 +225,7 @@ def correction_findings(identified: Identification, file: str) -> Iterator[Findi
 @dataclasses.dataclass(frozen=True)
 class IdentifiedRobot:
     """
-    An identified robot.
+    Robot with the numbers identified from its motion.
 
     Attributes
     ----------
