@@ -37,10 +37,7 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.findings import Finding, Reason, Severity
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import MeasuredPerturbation
-from ctc_chattering.identification.perturbation_bound import (
-    bound_perturbation,
-    PerturbationBound,
-)
+from ctc_chattering.identification.perturbation_bound import bound_perturbation, PerturbationBound
 from ctc_chattering.identification.verdict import verdicts
 from ctc_chattering.number_format import round_number, round_towards
 from ctc_chattering.numerics.linear_algebra import Array

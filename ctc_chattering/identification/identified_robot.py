@@ -436,7 +436,9 @@ def _robot(
                 Reason.ASSUMED_ROTORS,
                 Severity.NOTE,
                 values={
-                    'rotors': {name: round_number(x, 2) for name, x in rotors.items()}
+                    'rotors': {
+                        joint: round_number(inertia, 2) for joint, inertia in rotors.items()
+                    }
                 },
             )
         )

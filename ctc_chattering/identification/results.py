@@ -45,7 +45,7 @@ from ctc_chattering.identification.sentences import (
 )
 from ctc_chattering.identification.timing import describe_lag
 from ctc_chattering.identification.verdict import Verdict, verdicts
-from ctc_chattering.number_format import format_value
+from ctc_chattering.number_format import format_numbers, format_value
 
 #: Cell of a missing number. The verdict, or the JSON file, says why it is missing.
 NO_NUMBER = '-'
@@ -237,7 +237,7 @@ class IdentificationResults:
         yield (
             'Gains',
             [
-                f'{name} = {_show(self._usable(self.recommended.values[name]))}: {reason}'
+                f'{name} = {self._parameter_text(name)}: {reason}'
                 for name, reason in self._gain_reasons().items()
             ],
         )
@@ -249,6 +249,13 @@ class IdentificationResults:
     def _gain_reasons(self) -> dict[str, str]:
         """Return the reason of each recommended parameter."""
         return gain_reasons(self.recommended, [x.usable for x in self.verdicts])
+
+    def _parameter_text(self, name: str) -> str:
+        """Return the text of a recommended parameter, with `-` for unusable joints."""
+        value: Any = self._usable(self.recommended.values[name])
+        if isinstance(value, list):
+            return f'[{format_numbers(value, 4, ", ")}]'
+        return format_value(value)
 
     def _usable(self, value: object) -> object:
         """Return a parameter with None for unusable joints."""
