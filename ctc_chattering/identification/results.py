@@ -321,11 +321,6 @@ class IdentificationResults:
         }
 
 
-def _show(value: Any) -> str:
-    """Return the value of a parameter in words, several in brackets."""
-    return f'[{format_value(value)}]' if isinstance(value, list) else format_value(value)
-
-
 def _cells(columns: Sequence[Numbers]) -> dict[str, list[str]]:
     """Return the cells of columns of a table, by heading."""
     return {x.heading: [estimate.cell for estimate in x.estimates] for x in columns}
