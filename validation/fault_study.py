@@ -39,8 +39,9 @@ from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.gains import Recommendation
 from ctc_chattering.identification.results import IdentificationResults
+from ctc_chattering.identification.sentences import verdict_text
 from ctc_chattering.identification.trial_runs import (
-    COUNT,
+    COMPILED_COUNT,
     parameter_values,
     setups_tried,
     trial_runs,
@@ -69,7 +70,7 @@ _ACCELERATION = 4.0
 _FAILED = 1.5
 
 
-def row(robot: str, fault: str, seed: int, duration: float, trials: int = COUNT
+def row(robot: str, fault: str, seed: int, duration: float, trials: int = COMPILED_COUNT
         ) -> dict[str, Any]:
     """Return what is found of one robot with one fault; without trials gains are not tried."""
     one = case(robot, fault, seed, duration)
@@ -98,7 +99,7 @@ def with_trials(made: Outcome, results: IdentificationResults, trials: int) -> O
             results.found, results.run, results.recommended, setups, trials, 1)
     results = dataclasses.replace(results, recommended=recommended)
     return made._replace(results=results, severity=tuple(x.severity for x in results.verdicts),
-                         reasons=tuple(map(str, results.verdicts)))
+                         reasons=tuple(map(verdict_text, results.verdicts)))
 
 
 def values_of(made: Outcome, results: IdentificationResults, file: Path,
@@ -123,7 +124,7 @@ def tried(one: Case, made: Outcome, results: IdentificationResults, seen: Played
     peak = np.where(speed <= speeds(robot, known), np.abs(size), 0.0).max(axis=0)
     usable = [x.usable for x in results.verdicts]
     found: dict[str, Any] = {'ka_over_peak': [
-        round(k / p, 3) for k, p, good in zip(recommended.ka, peak.tolist(), usable)
+        round(k / p, 3) for k, p, good in zip(recommended.values['ka'], peak.tolist(), usable)
         if good and k is not None and p > 0.0]}
     if not gains or not all(usable):
         return found
@@ -260,7 +261,7 @@ def main() -> None:
     parser.add_argument('--duration', type=float, default=25.0)
     parser.add_argument('--only', default='', metavar='A,B',
                         help='faults and robots, with commas; of both kinds, those of both')
-    parser.add_argument('--trials', type=int, default=COUNT,
+    parser.add_argument('--trials', type=int, default=COMPILED_COUNT,
                         help='of the recommended gains, as `ctc identify` has it; 0: try no gains')
     parser.add_argument('--rows', type=Path, default=Path('faults.jsonl'),
                         help='where outcomes are added, one a line; those there are not run again')

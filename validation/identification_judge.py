@@ -26,14 +26,20 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import make_model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.bag_motion import read_motion
+from ctc_chattering.identification.bodies import half_interval_of, IdentifiedBodies
 from ctc_chattering.identification.findings import Estimate, Severity
 from ctc_chattering.identification.friction import JointFriction
 from ctc_chattering.identification.gains import recommend
 from ctc_chattering.identification.identified_robot import corrected_description
-from ctc_chattering.identification.identify import Identification, identify, TorqueSignal
-from ctc_chattering.identification.perturbation import perturbation
+from ctc_chattering.identification.identify import (
+    Identification,
+    identify_recordings,
+    TorqueSignal,
+)
+from ctc_chattering.identification.perturbation import measure_perturbation
 from ctc_chattering.identification.recording import Recording
 from ctc_chattering.identification.results import IdentificationResults
+from ctc_chattering.identification.sentences import verdict_text
 from faults_of_arms import truths
 from faulty_robots import Case, Played
 from motion_bags import messages_of, write
@@ -155,24 +161,25 @@ def outcome(one: Case, recording: Recording, seed: int) -> Outcome:
             begin = time.perf_counter()
         recording = recording.checked()
         signal = TorqueSignal('' if recording.effort is None else one.effort)
-        found = identify([recording], model, signal)
+        found = identify_recordings([recording], model, signal)
         text = corrected_description(found, urdf)
         if text:
             model, urdf = make_model('urdf', 9.81, one.robot.joints, text), text
-        run = perturbation(found, bool(text))
+        run = measure_perturbation(found, bool(text))
         results = IdentificationResults(recording.name, found, run,
                                         recommend(found, run, model, (), bool(text)))
     except CtcError as error:
         return Outcome(str(error))
     return Outcome('', results, tuple(x.severity for x in results.verdicts),
-                   tuple(map(str, results.verdicts)), time.perf_counter() - begin, model, urdf)
+                   tuple(map(verdict_text, results.verdicts)), time.perf_counter() - begin, model,
+                   urdf)
 
 
 def numbers(one: Case, found: Identification, seen: Played, duration: float) -> Iterator[Number]:
     """Yield all numbers that have a truth."""
     true = truths(one, duration)
     through = np.abs(seen.link).mean(axis=0)
-    for k, x in enumerate(found.bodies.gravity_estimates if found.bodies else ()):
+    for k, x in enumerate(_gravity(found.bodies) if found.bodies else ()):
         pull = np.full(2, one.robot.physics.bodies.gravity[k])
         yield from _number(f'gravity {"xyz"[k]}', -1, x, pull, 9.81)
     for i, friction in enumerate(found.friction):
@@ -197,11 +204,19 @@ def numbers(one: Case, found: Identification, seen: Played, duration: float) -> 
         yield from _number('rate', i, found.rate[i], true['rate'][:, i], 0.0)
 
 
+def _gravity(bodies: IdentifiedBodies) -> list[Estimate]:
+    """Return the components of gravity in the frame of the base [m/s²]."""
+    first = len(bodies.values) - 3
+    return [Estimate(value, half_interval_of(bodies.fit, first + k), 'm/s^2')
+            for k, value in enumerate(bodies.gravity.tolist())]
+
+
 def _slow_friction(i: int, friction: JointFriction, true: dict[str, Any], coulomb: float
                    ) -> Iterator[Number]:
     """Yield Stribeck friction, also where there is said to be none."""
     x = friction.stribeck
-    yield from _number('stribeck', i, Estimate(0.0, 1e-9) if x.absent and not x.reason else x,
+    is_excluded = x.absent and x.shown_above is None
+    yield from _number('stribeck', i, Estimate(0.0, 1e-9) if is_excluded else x,
                        true['stribeck'][:, i], coulomb)
 
 

@@ -42,9 +42,9 @@ from ctc_chattering.bags.bag_files import (
 )
 from ctc_chattering.bags.compression import unpack, unpack_file, ZSTD
 from ctc_chattering.bags.mcap_file import McapFile
+from ctc_chattering.configuration.topics import PARAMETERS, ROBOT_DESCRIPTION
 from ctc_chattering.errors import CtcError, shorten
 from ctc_chattering.numerics.time_grid import nanoseconds
-from ctc_chattering.ros.topics import PARAMETERS, ROBOT_DESCRIPTION
 from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores

@@ -53,13 +53,13 @@ from ctc_chattering.bags.signals import (
     SignalTopic,
 )
 from ctc_chattering.bags.state_order import order_states, STAMP_LIMITS
+from ctc_chattering.configuration import topics
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.numerics.angles import TURN, unwrapped, unwrapped_beside
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import missing, NANOSECONDS, period_ns, seconds
-from ctc_chattering.ros import topics
 from ctc_chattering.simulation.closed_loop import Run
 from ctc_chattering.simulation.plant_config import PlantConfig
 import numpy as np

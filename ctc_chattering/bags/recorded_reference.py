@@ -26,12 +26,12 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.bags.bag import Bag
 from ctc_chattering.bags.signals import Instants
+from ctc_chattering.configuration.topics import REFERENCE, select, TOPICS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.angles import unwrapped
 from ctc_chattering.numerics.interpolation import quintic
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds
-from ctc_chattering.ros.topics import REFERENCE, select, TOPICS
 import numpy as np
 
 

@@ -22,10 +22,9 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from math import inf
 from pathlib import Path
 
-from ctc_chattering.analysis.tables import fitted, paragraph
+from ctc_chattering.analysis.tables import paragraph
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_declared, add_number, add_output, add_params_file, words
 from ctc_chattering.cli.presentation import print_page
@@ -38,7 +37,6 @@ from ctc_chattering.identification.excite import (
     EXCITE,
     excite,
     MOTION,
-    Plan,
     RUN,
     write_excitation,
 )
@@ -57,7 +55,6 @@ from ctc_chattering.identification.identified_robot import (
 from ctc_chattering.identification.random_motions import ExcitationConfig
 from ctc_chattering.identification.table_motion import read_table, SUFFIX
 from ctc_chattering.output_folder import check_folder
-import numpy as np
 
 #: Parameters of the motion that are options.
 _MOTION_OPTIONS = {
@@ -88,42 +85,10 @@ def run_excite(options: argparse.Namespace) -> int:
         plan = excite(setup, {name: x for name in _MOTION_OPTIONS
                               if (x := getattr(options, name)) is not None}, options.joints)
     write_excitation(plan, setup, out, options.overwrite)
-    _show_motion(plan)
+    print(plan.text())
     print(f'{len(plan.excitation.times) - 1} waypoints were written to {out / MOTION}; next: '
           f'bringup {out / RUN}')
     return 0
-
-
-def _show_motion(plan: Plan) -> None:
-    """Print how much of the limits the motion uses, and how it keeps clear of collisions."""
-    bounds, (q, dq, ddq) = plan.bounds, plan.motion
-    rows: list[tuple[str, ...]] = [
-        ('joint', 'position', 'velocity', 'accel.', 'torque', 'kp', 'kv', 'sticks')]
-    for i, joint in enumerate(plan.limits):
-        peaks = zip((np.abs(x[:, i]).max() for x in (dq, ddq, plan.tau)),
-                    (bounds.velocity[i], bounds.acceleration[i], plan.effort[i]))
-        rows.append((
-            joint.name, f'{q[:, i].min():.2f} to {q[:, i].max():.2f}',
-            *(f'{peak:.3g}/{limit:.4g}' for peak, limit in peaks), f'{plan.kp[i]:g}',
-            f'{plan.kv[i]:g}', f'{plan.hold[i]:.3f}'))
-    print('\n'.join(fitted(rows, 0)))
-    links = plan.links
-    if links is None:
-        _say('warning: the motion is not checked for collisions of the robot with itself: '
-             f'{plan.nearest}')
-    else:
-        _say(f'the links keep their distance; the nearest approach of two links is {plan.nearest}')
-        for reason, names in (('they touch at the centre', links.touching),
-                              ('they have no collision shapes', links.unseen)):
-            if names:
-                _say(f'warning: collisions of some links are not checked, because {reason}: '
-                     f'{", ".join(names)}')
-    for quantity in ('velocity', 'acceleration'):
-        names = [joint.name for joint in plan.limits if getattr(joint, quantity)[1] == inf]
-        if names:
-            joints = 'any joint' if len(names) == len(plan.limits) else ', '.join(names)
-            _say(f'the description has no {quantity} limit for {joints}; the limit in the table '
-                 'is assumed')
 
 
 def _say(text: str) -> None:

@@ -50,19 +50,37 @@ class LinkShapes(NamedTuple):
 
     #: Pinocchio's GeometryModel.
     model: Any
-    #: Link of each shape; `FLOOR` for the floor.
+    #: Link of each shape, or `FLOOR`.
     links: list[str]
     #: Pose of each shape in the frame of its link, shape (shapes, 4, 4).
     poses: Array
 
 
 class Approach(NamedTuple):
-    """The instant at which two links have the least to spare."""
+    """
+    Nearest approach of two links.
 
-    #: Distance over the required one, less 1.
-    spare: float
-    #: Links, time, distance and required distance, as a user reads them.
-    text: str
+    It is the least distance in proportion to the required one, with its time [s, m].
+    """
+
+    links: tuple[str, str]
+    t: float
+    distance: float
+    required: float
+
+    @property
+    def spare(self) -> float:
+        """Distance over the required one, less 1."""
+        return self.distance / self.required - 1.0
+
+    @property
+    def text(self) -> str:
+        """Approach in words."""
+        distance = f'{self.distance:.2g} m' if self.distance > 0.0 else 'none: they touch'
+        return (
+            f'{distance}, {" and ".join(self.links)} at {self.t:.1f} s; at least '
+            f'{self.required:.2g} m is needed'
+        )
 
 
 class SelfCollision:
@@ -82,7 +100,7 @@ class SelfCollision:
     clearance : float
         Distance that links must keep [m]. Half of their distance at `rests`, if less, suffices.
     floor : float
-        Height of a floor in the frame of the root link [m]; inf for none.
+        Height of a floor in the frame of the root link, or inf for none [m].
 
     Attributes
     ----------
@@ -149,7 +167,7 @@ class SelfCollision:
 
     def nearest(self, t: Array, q: Array) -> Approach:
         """
-        Return the approach with the least to spare.
+        Return the nearest approach of two links.
 
         Parameters
         ----------
@@ -160,21 +178,16 @@ class SelfCollision:
 
         """
         distances = self._distances(self._checked, q)
-        spare = distances / self._required - 1.0
-        k, pair = divmod(int(spare.argmin()), len(self.pairs))
-        distance = float(distances[k, pair])
-        first, second = self.pairs[pair]
-        shown = f'{distance:.2g} m' if distance > 0.0 else 'they touch'
-        return Approach(
-            float(spare[k, pair]),
-            (
-                f'{shown}, {first} and {second} at {t[k]:.1f} s; at least '
-                f'{self._required[pair]:.2g} m'
-            ),
-        )
+        k, pair = divmod(int((distances / self._required).argmin()), len(self.pairs))
+        return Approach(self.pairs[pair], float(t[k]), float(distances[k, pair]),
+                        float(self._required[pair]))
 
     def _distances(self, pairs: Sequence[tuple[int, int]], q: Array) -> Array:
-        """Return the distances of pairs of shapes at positions q, (N, n), shape (N, pairs) [m]."""
+        """
+        Return the distances of pairs of shapes, shape (N, pairs) [m].
+
+        Positions q have the shape (N, n).
+        """
         model = self._shapes.model
         model.removeAllCollisionPairs()
         for pair in pairs:
@@ -191,7 +204,7 @@ class SelfCollision:
 
 
 def shaped(tree: Tree) -> tuple[str, list[str]]:
-    """Return a URDF with collision shapes, and the links that should have one more."""
+    """Return a URDF with collision shapes, and links without one."""
     robot = ET.fromstring(tree.bare())
     unseen = []
     for link, element in zip(tree.links.values(), robot.findall('link')):
@@ -220,7 +233,7 @@ def geometry(pin: Any, text: str, links: Sequence[str], floor: float) -> LinkSha
     links : sequence of str
         Names of these links.
     floor : float
-        Height of a floor [m]; inf for none.
+        Height of a floor, or inf for none [m].
 
     """
     robot = pin.buildModelFromXML(text)

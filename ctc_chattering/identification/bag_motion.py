@@ -33,6 +33,12 @@ from ctc_chattering.bags.bag_files import count_dropped
 from ctc_chattering.bags.command_matching import match_commands
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.bags.signals import Instants, JOINT_STATE, MULTI_ARRAY, Signal, SignalTopic
+from ctc_chattering.configuration.topics import (
+    COMMANDS,
+    JOINT_STATES,
+    PARAMETERS,
+    ROBOT_DESCRIPTION,
+)
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.control.laws.registry import LAWS, SWITCHINGS
 from ctc_chattering.dynamics.registry import locked_positions
@@ -43,10 +49,11 @@ from ctc_chattering.identification.recording import (
     KEPT_VELOCITY_ROWS,
     RecordedMotion,
     Recording,
+    RecordingError,
+    RecordingFault,
 )
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS
-from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES, PARAMETERS, ROBOT_DESCRIPTION
 import numpy as np
 from rosbags.interfaces import Connection
 
@@ -121,7 +128,7 @@ def read_motion(
         Joints in the order of the model, and of commands without names. By default those of this
         package's controller, or all movable joints of the description that are in the states.
     description : str
-        Text of the URDF; empty for that in the bag.
+        Text of the URDF. An empty one stands for that in the bag.
     states, commands : str
         Topics of the joint states and of the commanded torques. A topic without a slash in front
         may be in any namespace. A colon and the torques' field may follow.
@@ -142,7 +149,9 @@ def read_motion(
     """
     path = Path(path)
     if len(set(joints)) < len(joints):
-        raise CtcError(f'--joints: {shorten(joints)}: a joint is given more than once')
+        raise RecordingError(
+            RecordingFault.JOINTS,
+            f'--joints: {shorten(joints)}: a joint is given more than once')
     with closing(open_bag(path)) as bag, as_ctc_error(f'{path}: damaged'):
         state_topic = _choose_topic(bag, states, '--states', JOINT_STATE, STATE_FIELDS)
         robot = _read_robot(bag, state_topic.name, description, model)
@@ -155,7 +164,8 @@ def read_motion(
         if not len(signal.logged):
             recorded = state_topic.read_layout().joints
             hints = ''.join(suggest(x, recorded) for x in names[:3])
-            raise CtcError(
+            raise RecordingError(
+                RecordingFault.JOINTS,
                 f'{path}: no state has the joints {shorten(names)}; joints of the bag: '
                 f'{", ".join(recorded)}{hints}')
         stamps = signal.stamps if np.ptp(signal.stamps) else signal.logged
@@ -179,7 +189,11 @@ def read_motion(
             if commands != COMMANDS:
                 raise
             if recording.effort is None:
-                raise CtcError(f'no torque: no effort in the states, and {error}') from None
+                fault = RecordingFault.TORQUE
+                if isinstance(error, RecordingError):
+                    fault = error.fault
+                raise RecordingError(
+                    fault, f'no torque: no effort in the states, and {error}') from None
             if _find_topics(bag, '', MULTI_ARRAY, ()):
                 notes.append(f'no commands are used: {error}')
         notes += _note_missing_effort(recording)
@@ -231,7 +245,9 @@ def _choose_topic(
         return topics[0]
     if topics:
         names = ', '.join(map(str, topics))
-        raise CtcError(f'{bag.path}: several topics: {names}; give {option}')
+        raise RecordingError(
+            RecordingFault.TOPIC,
+            f'{bag.path}: several topics: {names}; give {option}')
     other_types = _find_topics(bag, name, '', ())
     reason = ', '.join(f'{x.name} is of type {x.message_type}' for x in other_types)
     if not reason:
@@ -241,7 +257,9 @@ def _choose_topic(
     allowed = ', '.join(suitable) or f'a topic of type {message_type}'
     if may_have_field:
         allowed += ', or TOPIC:FIELD'
-    raise CtcError(f'{bag.path}: {reason}; {option} may be: {allowed}')
+    raise RecordingError(
+        RecordingFault.TOPIC,
+        f'{bag.path}: {reason}; {option} may be: {allowed}')
 
 
 def _read_robot(bag: Bag, state_topic: str, description: str, model: str) -> _RobotInBag:
@@ -321,7 +339,7 @@ def _add_commands(
         logged: Instants,
         stamps: Instants) -> Recording:
     """
-    Return a recording with the torques commanded in answer to its states.
+    Return a recording with the torques commanded for its states.
 
     Parameters
     ----------
@@ -344,16 +362,19 @@ def _add_commands(
     if not len(values):
         layout = topic.read_layout()
         option = ' '.join(filter(None, ('--joints', shorten(layout.joints))))
-        raise CtcError(
+        raise RecordingError(
+            RecordingFault.JOINTS,
             f'{topic.bag.path}: {layout.width} commanded torques for {len(joints)} joints, '
             f'{shorten(joints)}; name those of the commands, in their order: {option}')
     period = np.median(np.diff(np.sort(stamps)))
     longest = COMMAND_LIMITS.backward_step_periods * period
     is_backward = np.diff(stamps) < -longest
     if is_backward.sum() > COMMAND_LIMITS.max_backward_steps:
-        raise CtcError(f'{topic.bag.path}: stamps of the states run to and fro in the order in '
-                       'which they were recorded: was the clock of the recorder set back, or are '
-                       'there two publishers of joint states? Record it again')
+        raise RecordingError(
+            RecordingFault.CLOCK,
+            f'{topic.bag.path}: the stamps of the states go backwards {is_backward.sum()} times. '
+            'Either the clock of the recorder was set back, or two publishers send joint states. '
+            'Record again with one publisher and a steady clock')
     times, received = commands.logged, logged
     if topic.message_type != MULTI_ARRAY:
         times, received = _time_reports(topic, commands, logged, stamps)
@@ -363,7 +384,8 @@ def _add_commands(
     command = answers.command[np.argsort(order)]
     for motion, quantity in ((recording.q, 'positions'), (recording.dq, 'velocities')):
         if motion is not None and _repeats(command[:len(motion)], motion):
-            raise CtcError(
+            raise RecordingError(
+                RecordingFault.TORQUE,
                 f'{topic.bag.path}: the commands on {topic.name} are {quantity}, no torques')
     return dataclasses.replace(recording, command=command, late=answers.late)
 
@@ -376,7 +398,8 @@ def _time_reports(
     """Return times of reports and of states on one clock [ns]."""
     count, states = len(reports.logged), len(stamps)
     if count < COMMAND_LIMITS.min_reports_per_state * states:
-        raise CtcError(
+        raise RecordingError(
+            RecordingFault.TORQUE,
             f'{topic.bag.path}: {count} torques on {topic.name} for {states} states: a '
             'torque is not known between its reports; raise their rate (state_publish_rate)')
     times, received = reports.logged, logged
@@ -402,8 +425,10 @@ def _check_one_publisher(path: Path, values: Array, times: Instants, states: int
     double_change = np.abs(values[2:] - values[:-2]).mean(axis=0)
     is_rough = (change > COMMAND_LIMITS.max_roughness * double_change).any()
     if np.percentile(step, 25.0) < shortest or is_rough:
-        raise CtcError(f'{path}: {len(values)} commands for {states} states, uneven '
-                       'or to and fro: two publishers of commands? If not, record more states')
+        raise RecordingError(
+            RecordingFault.SOURCES,
+            f'{path}: {len(values)} commands for {states} states come unevenly, or go to and fro. '
+            'Two publishers seem to send commands. Stop one, or record more states')
 
 
 def _repeats(command: Array, motion: Array) -> bool:

@@ -11,17 +11,23 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The bodies of an arm as identified: inertial parameters, rotors, direction of gravity."""
+"""
+Bodies of an arm as identified: inertial parameters, rotors, direction of gravity.
+
+They are those of the model with the change that the regression gives. `identified_robot` writes
+them into the corrected URDF, and `perturbation` bounds the error of the model with them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import dataclasses
 from functools import cached_property
+from typing import Any
 
 from ctc_chattering.dynamics.corrected_urdf import corrected_urdf
 from ctc_chattering.identification.conventions import angle_between
-from ctc_chattering.identification.findings import Estimate
+from ctc_chattering.identification.findings import Estimate, Gap
 from ctc_chattering.identification.prior import finite_efforts, LEAST_ROTOR_PER_EFFORT
 from ctc_chattering.identification.regression import Fit
 from ctc_chattering.identification.regressor import BodyRegressor
@@ -31,18 +37,14 @@ import numpy as np
 #: The ten parameters of a body, in Pinocchio's order: mass [kg], first moments [kg·m], and moments
 #: of inertia about the joint's frame [kg·m²].
 PARAMETERS = ('m', 'mx', 'my', 'mz', 'Ixx', 'Ixy', 'Iyy', 'Ixz', 'Iyz', 'Izz')
-#: Part of a joint's torque below which a change of the bodies is none.
-LEAST_CHANGE = 0.01
-#: Inertia of a rotor that is at its bound, 0, as a part of half its interval.
+#: A rotor inertia below this part of half its interval is at its bound, 0.
 BOUND = 0.01
-#: Turn of gravity that is rounding [rad].
-LEVEL = 3e-4
 
 
 @dataclasses.dataclass(frozen=True)
 class IdentifiedBodies:
     """
-    Bodies as identified; p inertial parameters, n joints.
+    Bodies of n joints as identified, with p inertial parameters.
 
     Attributes
     ----------
@@ -62,38 +64,38 @@ class IdentifiedBodies:
     @classmethod
     def of(cls, fit: Fit, regressor: BodyRegressor) -> IdentifiedBodies:
         """Return the bodies of a fit."""
-        given = np.append(regressor.parameters[:-3], regressor.gravity)
-        values = given + fit.body_change()
+        of_model = np.append(regressor.parameters[:-3], regressor.gravity)
+        values = of_model + fit.body_change()
         values[regressor.inertial_count:-3] = _assumed_rotors(fit, regressor, values)
         strength = float(np.linalg.norm(regressor.gravity))
         if strength:
             values[-3:] *= strength / np.linalg.norm(values[-3:])
-            if angle_between(values[-3:], given[-3:]) < LEVEL:
-                values[-3:] = given[-3:]
+            # A smaller turn of gravity is rounding.
+            if angle_between(values[-3:], of_model[-3:]) < 3e-4:
+                values[-3:] = of_model[-3:]
         return cls(regressor, fit, values)
 
     @cached_property
     def rotors(self) -> list[Estimate]:
-        """Inertia of each rotor at the joint, that of the model included [kg·m²]."""
+        """
+        Inertia of each rotor at the joint [kg·m²].
+
+        The model's own is part of it.
+        """
         first, estimates = self.regressor.inertial_count, []
         change = self.fit.body_change()[first:-3]
         values = self.regressor.parameters[first:-3] + change
         for i, value in enumerate(values.tolist()):
             half = half_interval_of(self.fit, first + i)
             if not half:
-                estimates.append(Estimate.unknown('a sensor behind the gear does not feel it'))
+                estimates.append(Estimate.unknown(Gap.NOT_FELT))
                 continue
             estimates.append(
-                Estimate(value, half, 'kg*m^2') if value > BOUND * half else
-                Estimate.none('at its bound', at_most=half, unit='kg*m^2'))
+                Estimate(value, half, 'kg*m^2')
+                if value > BOUND * half
+                else Estimate.none(gap=Gap.AT_BOUND, at_most=half, unit='kg*m^2')
+            )
         return estimates
-
-    @cached_property
-    def gravity_estimates(self) -> list[Estimate]:
-        """Components of gravity in the frame of the base, length 3 [m/s²]."""
-        first = len(self.values) - 3
-        return [Estimate(value, half_interval_of(self.fit, first + k), 'm/s^2')
-                for k, value in enumerate(self.gravity.tolist())]
 
     @property
     def gravity(self) -> Array:
@@ -103,11 +105,11 @@ class IdentifiedBodies:
     @property
     def turn(self) -> float:
         """Angle by which the base is turned against the model [rad]."""
-        given = self.regressor.parameters[-3:]
-        return angle_between(self.gravity, given) if given.any() else 0.0
+        of_model = self.regressor.parameters[-3:]
+        return angle_between(self.gravity, of_model) if of_model.any() else 0.0
 
     def change_rms(self) -> Array:
-        """Return the RMS of the torque that the change makes, shape (n,) [N·m]."""
+        """Return the RMS of the change of torque, shape (n,) [N·m]."""
         data = self.fit.data
         torque = data.windows.bodies @ (self.values - self.regressor.parameters)
         count = np.maximum(data.used.sum(axis=0), 1)
@@ -116,54 +118,69 @@ class IdentifiedBodies:
 
     @cached_property
     def uncertainty(self) -> float:
-        """Part of a joint's torque by which the bodies may be wrong, the largest of all joints."""
+        """Largest error of the bodies, as a part of a joint's torque."""
         data, unknowns = self.fit.data, self.fit.unknowns
-        parts = [0.0]
+        errors = [0.0]
         for joint in np.flatnonzero(data.moving).tolist():
             columns = unknowns.columns(data, joint)[data.used[:, joint]]
             columns[:, unknowns.body_count:] = 0.0
             half = float(np.median(self.fit.half_interval(columns)))
-            parts.append(half / float(data.deviation[joint]))
-        return max(parts)
+            errors.append(half / float(data.deviation[joint]))
+        return max(errors)
 
     def differ(self) -> bool:
-        """Return whether the change shows in the torque of a joint."""
-        return bool((self.change_rms() > LEAST_CHANGE * self.fit.data.deviation).any())
+        """Return whether a joint's torque changes by more than 1 %."""
+        return bool((self.change_rms() > 0.01 * self.fit.data.deviation).any())
 
-    def description(self, urdf: str, joints: Sequence[str],
-                    locked: Mapping[str, float] | None = None) -> str:
+    def description(
+        self, urdf: str, joints: Sequence[str], locked: Mapping[str, float] | None = None
+    ) -> str:
         """Return a URDF with these bodies, rotors and turned base."""
         count = self.regressor.inertial_count
-        return corrected_urdf(urdf, joints, self.values[:count].reshape(-1, 10),
-                              self.values[count:-3].tolist(), self.gravity.tolist(), locked)
+        return corrected_urdf(
+            urdf,
+            joints,
+            self.values[:count].reshape(-1, 10),
+            self.values[count:-3].tolist(),
+            self.gravity.tolist(),
+            locked,
+        )
 
-    def as_mapping(self, joints: Sequence[str]) -> dict[str, dict[str, float]]:
-        """Return the parameters of the body that each joint moves, as JSON has them."""
-        count = self.regressor.inertial_count
-        if count != len(PARAMETERS) * len(joints):
-            return {}
-        return {joint: dict(zip(PARAMETERS, row)) for joint, row in zip(
-            joints, self.values[:count].reshape(len(joints), -1).tolist())}
+    def as_mapping(self, joints: Sequence[str]) -> dict[str, Any]:
+        """Return gravity and the bodies as JSON has them, by joint."""
+        rows = self.values[: self.regressor.inertial_count]
+        is_urdf = len(rows) == len(PARAMETERS) * len(joints)
+        bodies = zip(joints, rows.reshape(len(joints), -1).tolist()) if is_urdf else ()
+        return {
+            'gravity_mps2': self.gravity.tolist(),
+            'bodies': {joint: dict(zip(PARAMETERS, row)) for joint, row in bodies},
+            'bodies_uncertainty': self.uncertainty,
+        }
 
     def torque_error(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return half the interval of the torque of the bodies in a state, shape (n,) [N·m]."""
+        """
+        Return the error of the torque in a state, shape (n,) [N·m].
+
+        It is half the interval of the torque of the bodies.
+        """
         unknowns = self.fit.unknowns
         rows = np.zeros((self.regressor.model.n, unknowns.count))
-        rows[:, :unknowns.body_count] = self.regressor.torque(
-            q, dq, ddq) @ unknowns.prior.transform
+        rows[:, : unknowns.body_count] = (
+            self.regressor.torque(q, dq, ddq) @ unknowns.prior.transform
+        )
         return self.fit.half_interval(rows)
 
     def torque_change(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return what the change of the bodies adds to the torque in a state, (n,) [N·m]."""
+        """Return the change of the torque in a state, shape (n,) [N·m]."""
         change = self.values - self.regressor.parameters
         return np.asarray(self.regressor.torque(q, dq, ddq) @ change)
 
 
 def half_interval_of(fit: Fit, parameter: int) -> float:
-    """Return half the interval of a parameter of the bodies, by its index."""
+    """Return half the interval of a body parameter, by its index."""
     transform = fit.unknowns.prior.transform
     row = np.zeros(fit.unknowns.count)
-    row[:transform.shape[1]] = transform[parameter]
+    row[: transform.shape[1]] = transform[parameter]
     return float(fit.half_interval(row))
 
 

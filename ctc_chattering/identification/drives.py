@@ -12,10 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Torque that drives give for their commands, and its mean over windows.
+Torque that drives give for their commands.
 
 A command is held for a period h. The torque follows it with the lag T, by (DM1), and changes by at
-most the rate R. It acts some samples after the state that it answers.
+most the rate R. It acts some samples after the state that it answers. `identify` takes the torque
+of all windows from here, `drive_search.py` those of many delays, lags and rates.
 """
 
 from __future__ import annotations
@@ -29,23 +30,6 @@ from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array, Flags, Indices
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-
-#: Source of the torque: what was commanded.
-COMMAND = 'command'
-#: Source of the torque: what was measured.
-EFFORT = 'effort'
-#: Time after which it does not matter from where a drive began [s].
-MEMORY_S = 0.5
-#: Fewest samples of that time.
-LEAST_MEMORY = 60
-#: Fewest samples that are computed one by one; all chunks of a series are computed at once.
-LEAST_CHUNK = 400
-#: Most chunks of a series.
-MOST_CHUNKS = 1000
-#: Most torques that are computed at once.
-MOST_AT_ONCE = 1_000_000
-#: Rate in the place of no rate limit [N·m/s].
-UNLIMITED_RATE = 1e12
 
 
 class Drive(NamedTuple):
@@ -74,9 +58,13 @@ class Drive(NamedTuple):
         return cls(delay, np.zeros(n), np.full(n, np.inf))
 
 
-def driven(values: Array, lag: Array, rate: Array | float, period: float) -> Array:
+def mean_drive_torque(
+        values: Array,
+        lag: Array,
+        rate: Array | float,
+        period: float) -> Array:
     """
-    Return the mean torque over each period, shape (..., N, n) [N·m].
+    Return the mean torque of each period, (..., N, n) [N·m].
 
     Without a rate limit and with a = exp(-h/T) the mean over a period is
     c[k] + (T/h) (1 - a) (τ[k] - c[k]), and τ[k+1] = a τ[k] + (1 - a) c[k].
@@ -84,9 +72,9 @@ def driven(values: Array, lag: Array, rate: Array | float, period: float) -> Arr
     Parameters
     ----------
     values : ndarray, shape (N, n)
-        Commands c [N·m]; nan counts as 0.
+        Commands c [N·m]. nan counts as 0.
     lag : ndarray, shape (..., n)
-        T [s]; several are computed at once.
+        T [s]. Several are computed at once.
     rate : ndarray, shape (n,), or float
         R [N·m/s], inf for none.
     period : float
@@ -95,58 +83,82 @@ def driven(values: Array, lag: Array, rate: Array | float, period: float) -> Arr
     """
     if not lag.any() and not np.isfinite(rate).any():
         return np.broadcast_to(np.nan_to_num(values), (*lag.shape[:-1], *values.shape))
-    n = values.shape[1]
-    memory = max(LEAST_MEMORY, round(MEMORY_S / period))
-    length = max(LEAST_CHUNK, len(values) // MOST_CHUNKS)
-    chunks = -(-len(values) // length)
-    padding = np.repeat(values[-1:], chunks * length - len(values), axis=0)
-    padded = np.nan_to_num(
-        np.concatenate((np.repeat(values[:1], memory, axis=0), values, padding)), copy=False)
-    # All chunks at once, each from so long before that the drives have caught up.
-    commands = sliding_window_view(padded, memory + length, axis=0)[::length].transpose(2, 0, 1)
-    # Of one shape without gaps, for the speed of the loop.
+    count, n = values.shape
+    # All chunks are computed at once. Each begins half a second early, so that drives catch up.
+    memory = max(60, round(0.5 / period))
+    length = max(400, count // 1000)
+    chunks = -(-count // length)
+    start = np.repeat(values[:1], memory, axis=0)
+    padding = np.repeat(values[-1:], chunks * length - count, axis=0)
+    padded = np.concatenate((start, values, padding))
+    np.nan_to_num(padded, copy=False)
+    windows = sliding_window_view(padded, memory + length, axis=0)
+    commands = windows[::length].transpose(2, 0, 1)
+    # Arrays of one shape without gaps make the loop fast.
     shape = (*lag.shape[:-1], chunks, n)
-    rates = np.broadcast_to(np.minimum(rate, UNLIMITED_RATE), shape).copy()
-    lag = np.broadcast_to(np.maximum(lag, 1e-9 * period)[..., None, :], shape).copy()
+    finite_rate = np.minimum(rate, 1e12)
+    rates = np.broadcast_to(finite_rate, shape).copy()
+    positive_lag = np.maximum(lag, 1e-9 * period)
+    lags = np.broadcast_to(positive_lag[..., None, :], shape).copy()
     mean = np.empty((*shape[:-1], length, n))
     torque = np.broadcast_to(commands[0], shape)
     for k, command in enumerate(commands):
-        error, area = response(command - torque, lag, rates, period)
+        change, area = response(command - torque, lags, rates, period)
         if k >= memory:
             mean[..., k - memory, :] = command + area / period
-        torque = command + error
-    return mean.reshape(*shape[:-2], -1, n)[..., :len(values), :]
+        torque = command + change
+    whole = mean.reshape(*shape[:-2], -1, n)
+    return whole[..., :count, :]
 
 
-def driven_by_lags(values: Array, lags: Array, rate: Array, period: float) -> Iterator[Array]:
-    """Yield `driven` for each lag of shape (K,) [s], the same of all joints."""
-    at_once = max(1, MOST_AT_ONCE // values.size)
-    for some in np.split(lags, range(at_once, len(lags), at_once)):
-        yield from driven(values, np.repeat(some[:, None], len(rate), axis=1), rate, period)
+def iterate_lags(values: Array, lags: Array, rate: Array, period: float) -> Iterator[Array]:
+    """Yield `mean_drive_torque` for lags of all joints, shape (K,) [s]."""
+    # A million numbers at once, to limit the memory.
+    at_once = max(1, 1_000_000 // values.size)
+    for block in np.split(lags, range(at_once, len(lags), at_once)):
+        same_lags = np.repeat(block[:, None], len(rate), axis=1)
+        yield from mean_drive_torque(values, same_lags, rate, period)
 
 
-def has(stretch: Stretch, source: str) -> Array | None:
-    """Return the torques of a source in a stretch, shape (N, n); None without."""
-    return stretch.command if source == COMMAND else stretch.effort
+def find_complete(
+        values: Array,
+        centres: Indices,
+        samples_before: int,
+        samples_after: int) -> Flags:
+    """
+    Flag the centres around which values are known, shape (J, n).
 
+    Parameters
+    ----------
+    values : ndarray, shape (N, n)
+        Values, nan where they are not known.
+    centres : ndarray, shape (J,)
+        Samples at the centres.
+    samples_before, samples_after : int
+        Samples around a centre that must be known.
 
-def complete(values: Array, centres: Indices, before: int, after: int) -> Flags:
-    """Return at which centres values, (N, n), are known from so many samples before to after."""
-    low, high = (np.clip(centres + x, 0, len(values) - 1) for x in (-before - 1, after))
+    """
+    last = len(values) - 1
+    low = np.clip(centres - samples_before - 1, 0, last)
+    high = np.clip(centres + samples_after, 0, last)
     # Joint by joint, for long series.
     unknown = (np.cumsum(~np.isfinite(column)) for column in values.T)
     return np.stack([count[low] == count[high] for count in unknown], axis=1)
 
 
-def weak_torque(values: Array, drive: Drive, period: float, phi: TestFunction, centres: Indices
-                ) -> Array:
+def weak_torque(
+        values: Array,
+        drive: Drive,
+        period: float,
+        phi: TestFunction,
+        centres: Indices) -> Array:
     """
-    Return ∫ φ tau dt over each window, shape (J, n) [N·m].
+    Return ∫ φ tau dt of each window, (J, n) [N·m].
 
     Parameters
     ----------
     values : ndarray, shape (N, n)
-        Torque of each sample [N·m]; nan counts as 0.
+        Torque of each sample [N·m]. nan counts as 0.
     drive : Drive
         From these values to the torque.
     period : float
@@ -155,10 +167,15 @@ def weak_torque(values: Array, drive: Drive, period: float, phi: TestFunction, c
         Test function, and samples at the centres of the windows.
 
     """
-    whole, columns = int(np.floor(drive.delay)), []
-    for joint in range(values.shape[1]):  # One by one, for long series.
-        here = slice(joint, joint + 1)
-        torque = driven(values[:, here], drive.lag[here], drive.rate[here], period)
+    whole = int(np.floor(drive.delay))
+    columns = []
+    for joint in range(values.shape[1]):  # Joint by joint, for long series.
+        column = slice(joint, joint + 1)
+        torque = mean_drive_torque(
+            values[:, column],
+            drive.lag[column],
+            drive.rate[column],
+            period)
         mean = phi.sums(torque, phi.over, centres - whole)
         if drive.delay != whole:
             mean = 0.5 * (mean + phi.sums(torque, phi.over, centres - whole - 1))
@@ -166,12 +183,16 @@ def weak_torque(values: Array, drive: Drive, period: float, phi: TestFunction, c
     return np.concatenate(columns, axis=1)
 
 
-def known_torque(stretch: Stretch, centres: Indices, source: str, phi: TestFunction, drive: Drive
-                 ) -> Array:
-    """Return the weak torque of windows, shape (J, n) [N·m]; nan where it is not known."""
-    values = np.asarray(has(stretch, source))
+def known_torque(
+        stretch: Stretch,
+        centres: Indices,
+        source: str,
+        phi: TestFunction,
+        drive: Drive) -> Array:
+    """Return the weak torque or nan, shape (J, n) [N·m]."""
+    values = np.asarray(stretch.torque(source))
     torque = weak_torque(values, drive, stretch.period, phi, centres)
-    late = int(np.ceil(drive.delay))
-    early = int(np.floor(drive.delay))
-    known = complete(values, centres, phi.half + late, phi.half - early)
-    return np.where(known, torque, np.nan)
+    samples_before = phi.half + int(np.ceil(drive.delay))
+    samples_after = phi.half - int(np.floor(drive.delay))
+    is_known = find_complete(values, centres, samples_before, samples_after)
+    return np.where(is_known, torque, np.nan)

@@ -11,7 +11,11 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The figures of an identification: predicted torque over time, and friction over velocity."""
+"""
+Figures of an identification: predicted torque, and friction over velocity.
+
+`identified_robot` saves them for the page of `ctc identify`.
+"""
 
 from __future__ import annotations
 
@@ -30,12 +34,8 @@ RECORDED_COLOUR = '#8aa6c1'
 MODEL_COLOUR = '#7F7F7F'
 FRICTION_COLOUR = '#2e7d32'
 IDENTIFIED_COLOUR = '#b34a00'
-#: Points of a fitted curve.
-CURVE_POINTS = 200
-#: Points from which on dots are pixels in a figure of lines.
-MANY_POINTS = 5000
 #: Terms of friction that a curve over velocity has.
-OF_VELOCITY = (TermKind.COULOMB, TermKind.OFFSET, TermKind.VISCOUS, TermKind.STRIBECK)
+VELOCITY_TERMS = (TermKind.COULOMB, TermKind.OFFSET, TermKind.VISCOUS, TermKind.STRIBECK)
 
 
 class NamedFigure(NamedTuple):
@@ -46,50 +46,73 @@ class NamedFigure(NamedTuple):
     caption: str
 
 
-def torque_figure(identified: Identification, verdicts: Sequence[Verdict]
-                  ) -> NamedFigure:
-    """Return the torque over time: recorded, of the given model, and as identified."""
+def torque_figure(identified: Identification, verdicts: Sequence[Verdict]) -> NamedFigure:
+    """Return the torque over time, recorded and predicted."""
     prediction = identified.prediction
-    figure, grid = sheet('Torque of time that was not fitted', len(verdicts), (1.0,), 1.6)
+    figure, grid = sheet('Torque of held-out time', len(verdicts), (1.0,), 1.6)
     for joint, verdict in enumerate(verdicts):
         axes = panel(figure, grid[joint, 0], f'{verdict.joint}: {verdict.word}', 'torque [N·m]')
         for values, colour, label in (
-                (prediction.measured, RECORDED_COLOUR, 'recorded'),
-                (prediction.model, MODEL_COLOUR, 'model as given'),
-                (prediction.with_friction, FRICTION_COLOUR, 'model with friction'),
-                (prediction.identified, IDENTIFIED_COLOUR, 'identified')):
-            axes.plot(prediction.t, values[:, joint], color=colour, label=label,
-                      linewidth=1.8 if label == 'recorded' else 0.9)
+            (prediction.measured, RECORDED_COLOUR, 'recorded'),
+            (prediction.model, MODEL_COLOUR, 'model as given'),
+            (prediction.with_friction, FRICTION_COLOUR, 'model with friction'),
+            (prediction.identified, IDENTIFIED_COLOUR, 'identified'),
+        ):
+            axes.plot(
+                prediction.t,
+                values[:, joint],
+                color=colour,
+                label=label,
+                linewidth=1.8 if label == 'recorded' else 0.9,
+            )
     axes.set_xlabel('t [s]')
     legend_of(*figure.axes)
-    return NamedFigure('torque', figure, 'Each block of time is predicted by what was identified '
-                       'from the others. Gaps: the joint rests.')
+    return NamedFigure(
+        'torque',
+        figure,
+        'The other blocks of time predict the torque of each block. The joint rests in gaps.',
+    )
 
 
-def friction_figure(identified: Identification, verdicts: Sequence[Verdict]
-                    ) -> NamedFigure:
-    """Return friction over velocity; without a curve for a joint that is not usable."""
+def friction_figure(identified: Identification, verdicts: Sequence[Verdict]) -> NamedFigure:
+    """
+    Return friction over velocity.
+
+    A joint that is not usable has no curve.
+    """
     fit = identified.fit
     figure, grid = sheet('Friction over velocity', (len(verdicts) + 1) // 2, (1.0, 1.0), 2.0)
     for joint, verdict in enumerate(verdicts):
-        axes = panel(figure, grid[joint // 2, joint % 2], f'{verdict.joint}: {verdict.word}',
-                     'torque [N·m]')
+        axes = panel(
+            figure, grid[joint // 2, joint % 2], f'{verdict.joint}: {verdict.word}', 'torque [N·m]'
+        )
         used = fit.data.used[:, joint]
         speed = fit.data.windows.velocity[used, joint]
         beyond = fit.data.beyond_model[used, joint] - fit.torque(joint)[used]
-        points = beyond + fit.torque(joint, OF_VELOCITY)[used]
-        axes.plot(speed, points, '.', markersize=2.5, color=RECORDED_COLOUR, zorder=3,
-                  rasterized=len(speed) > MANY_POINTS)
+        points = beyond + fit.torque(joint, VELOCITY_TERMS)[used]
+        axes.plot(
+            speed,
+            points,
+            '.',
+            markersize=2.5,
+            color=RECORDED_COLOUR,
+            zorder=3,
+            rasterized=len(speed) > 5000,
+        )  # Many dots are pixels.
         axes.set_xlabel('velocity [rad/s]')
         for sign in (1.0, -1.0) if verdict.usable else ():
-            own = np.abs(speed[np.sign(speed) == sign])
-            if len(own):
-                v = sign * np.linspace(own.min(), own.max(), CURVE_POINTS)
+            shown = np.abs(speed[np.sign(speed) == sign])
+            if len(shown):
+                v = sign * np.linspace(shown.min(), shown.max(), 200)
                 friction = identified.friction[joint]
-                low, middle, high = (friction_at(friction, v, 0.0, halves)
-                                     for halves in (-1.0, 0.0, 1.0))
+                low, middle, high = (
+                    friction_at(friction, v, 0.0, halves) for halves in (-1.0, 0.0, 1.0)
+                )
                 axes.fill_between(v, low, high, color=IDENTIFIED_COLOUR, alpha=0.25, linewidth=0)
                 axes.plot(v, middle, color=IDENTIFIED_COLOUR, linewidth=1.2)
-    return NamedFigure('friction', figure, 'Dots: recorded torque less that of the identified '
-                       'bodies, in windows of time. Line: friction with its interval of 95 %; a '
-                       'joint that is not usable has none.')
+    return NamedFigure(
+        'friction',
+        figure,
+        'Dots are the recorded torque without that of the identified bodies, in windows of time. '
+        'The line is the friction with its interval of 95 %. A joint that is not usable has none.',
+    )

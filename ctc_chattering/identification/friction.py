@@ -11,7 +11,12 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Friction of each joint from the regression, as numbers with intervals."""
+"""
+Friction of each joint from the regression, as numbers with intervals.
+
+The terms of the regression become Coulomb, viscous and Stribeck friction. Intervals contain the
+unexplained torque that lasts, and a part of what the selected terms changed.
+"""
 
 from __future__ import annotations
 
@@ -19,16 +24,16 @@ from collections.abc import Sequence
 import dataclasses
 from typing import Any, NamedTuple
 
-from ctc_chattering.identification.findings import Estimate
+from ctc_chattering.identification.findings import Estimate, Gap
 from ctc_chattering.identification.friction_terms import TermKind
 from ctc_chattering.identification.regression import FEWEST_WINDOWS, Fit, Observations
 from ctc_chattering.identification.windows import STRIBECK_VELOCITIES
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: Half an interval for an unexplained torque of RMS 1.
+#: Half an interval over the RMS of the unexplained torque that lasts.
 OTHER_FORM = 2.0
-#: Half an interval for a change of 1 by terms that leave as much unexplained as there was before.
+#: Half an interval over the change by the selected terms, where they explain nothing.
 DOUBTFUL_FORM = 1.5
 #: The same where a form that predicts as well would change it the other way.
 OTHER_CURVE = 3.0
@@ -55,7 +60,7 @@ class CoupledFriction(NamedTuple):
 @dataclasses.dataclass(frozen=True)
 class JointFriction:
     """
-    Friction of a joint: Coulomb for each direction, viscous, Stribeck, and of the load.
+    Coulomb, viscous, Stribeck and load friction of a joint.
 
     Attributes
     ----------
@@ -88,32 +93,46 @@ class JointFriction:
     coupled: tuple[CoupledFriction, ...] = ()
 
     @classmethod
-    def unknown(cls, reason: str) -> JointFriction:
-        """Return the friction of a joint of which nothing is known."""
-        unknown = Estimate.unknown(reason)
+    def unknown(cls) -> JointFriction:
+        """Return the friction of a joint that hardly moves."""
+        unknown = Estimate.unknown(Gap.HARDLY_MOVES)
         return cls(unknown, unknown, unknown, unknown, unknown, unknown, unknown, unknown)
 
     def as_mapping(self, joints: Sequence[str]) -> dict[str, Any]:
-        """Return it as JSON has it; `joints` are the names of all joints."""
+        """Return it as JSON has it, with the names of joints."""
         numbers = {name: getattr(self, name).as_mapping() for name in NUMBERS}
-        return {**numbers, 'coupled': [
-            {'joint': joints[x.joint], 'coulomb': x.coulomb.as_mapping(),
-             'viscous': x.viscous.as_mapping()} for x in self.coupled]}
+        return {
+            **numbers,
+            'coupled': [
+                {
+                    'joint': joints[x.joint],
+                    'coulomb': x.coulomb.as_mapping(),
+                    'viscous': x.viscous.as_mapping(),
+                }
+                for x in self.coupled
+            ],
+        }
 
     @property
     def at_rest(self) -> float:
-        """Largest Coulomb and Stribeck friction of both directions [N·m]; 0 if not known."""
+        """Largest friction near rest [N·m], 0 if it is not known."""
         coulomb = [abs(x.value or 0.0) for x in (self.coulomb, self.forwards, self.backwards)]
         return max(coulomb) + max(self.stribeck.value or 0.0, 0.0)
 
 
-#: Numbers of a joint's friction.
-NUMBERS = tuple(field.name for field in dataclasses.fields(JointFriction)
-                if field.name != 'coupled')
+#: Names of the numbers of a joint's friction.
+NUMBERS = tuple(
+    field.name for field in dataclasses.fields(JointFriction) if field.name != 'coupled'
+)
 
 
-def joint_friction(fit: Fit, joint: int, systematic: float = 0.0, basic: Fit | None = None,
-                   is_curved: bool = False) -> JointFriction:
+def joint_friction(
+    fit: Fit,
+    joint: int,
+    systematic: float = 0.0,
+    basic: Fit | None = None,
+    is_curved: bool = False,
+) -> JointFriction:
     """
     Return the friction of a joint.
 
@@ -124,7 +143,7 @@ def joint_friction(fit: Fit, joint: int, systematic: float = 0.0, basic: Fit | N
     joint : int
         Index of the joint.
     systematic : float
-        RMS of unseen torque that lasts longer than noise [N·m]: friction may have that much of
+        RMS of unseen torque that lasts longer than noise [N·m]. Friction may have that much of
         another form, so intervals contain it.
     basic : Fit, optional
         The regression without the terms that were selected. Where these leave much unexplained,
@@ -134,11 +153,12 @@ def joint_friction(fit: Fit, joint: int, systematic: float = 0.0, basic: Fit | N
 
     """
     if not fit.data.moving[joint]:
-        return JointFriction.unknown('the joint hardly moves')
+        return JointFriction.unknown()
     used = fit.data.used[:, joint]
     speed = float(np.sqrt(np.square(fit.data.windows.velocity[used, joint]).mean()))
-    unexplained = 0.0 if basic is None else _unexplained_by_added(fit, basic, joint)
-    doubt = OTHER_CURVE if is_curved else DOUBTFUL_FORM * unexplained
+    doubt = OTHER_CURVE
+    if not is_curved:
+        doubt = DOUBTFUL_FORM * _unexplained_by_added(fit, basic, joint)
 
     def estimate(weights: dict[TermKind, float], unit: str, form: float) -> Estimate:
         row = _row(fit, joint, weights)
@@ -148,48 +168,61 @@ def joint_friction(fit: Fit, joint: int, systematic: float = 0.0, basic: Fit | N
             halves.append(doubt * (value - float(_row(basic, joint, weights) @ basic.value)))
         return Estimate(value, float(np.linalg.norm(halves)), unit)
 
-    def torque(kind: TermKind, offset: float = 0.0) -> Estimate:
-        return estimate({kind: 1.0, TermKind.OFFSET: offset}, 'N*m', systematic)
+    def torque(term_kind: TermKind, offset: float = 0.0) -> Estimate:
+        return estimate({term_kind: 1.0, TermKind.OFFSET: offset}, 'N*m', systematic)
 
-    def viscous(kind: TermKind) -> Estimate:
-        return estimate({kind: 1.0}, 'N*m*s/rad', systematic / speed)
+    def viscous(term_kind: TermKind) -> Estimate:
+        return estimate({term_kind: 1.0}, 'N*m*s/rad', systematic / speed)
 
-    index = {kind: fit.unknowns.index(joint, kind) for kind in TermKind}
-    stribeck, coupled = index[TermKind.STRIBECK], index[TermKind.COUPLED_COULOMB]
-    return JointFriction(
-        coulomb=torque(TermKind.COULOMB),
-        forwards=torque(TermKind.COULOMB, 1.0),
-        backwards=torque(TermKind.COULOMB, -1.0),
-        viscous=viscous(TermKind.VISCOUS),
-        stribeck=_no_stribeck(fit.data, joint) if stribeck is None else torque(TermKind.STRIBECK),
-        stribeck_velocity=Estimate.none() if stribeck is None else Estimate(
-            fit.unknowns.term(stribeck).stribeck_velocity, unit='rad/s'),
-        load=Estimate.none() if index[TermKind.LOAD] is None else estimate(
-            {TermKind.LOAD: 1.0}, '', 0.0),
-        dead_band=Estimate.none('it may be in Coulomb friction')
-        if index[TermKind.DEAD_BAND] is None else torque(TermKind.DEAD_BAND),
-        coupled=() if coupled is None else (CoupledFriction(
-            int(fit.unknowns.term(coupled).which), torque(TermKind.COUPLED_COULOMB),
-            viscous(TermKind.COUPLED_VISCOUS)),))
+    numbers = {
+        'coulomb': torque(TermKind.COULOMB),
+        'forwards': torque(TermKind.COULOMB, 1.0),
+        'backwards': torque(TermKind.COULOMB, -1.0),
+        'viscous': viscous(TermKind.VISCOUS),
+        'stribeck': _no_stribeck(fit.data, joint),
+        'stribeck_velocity': Estimate.none(),
+        'load': Estimate.none(),
+        'dead_band': Estimate.none(gap=Gap.IN_COULOMB),
+    }
+    coupled: tuple[CoupledFriction, ...] = ()
+    for term in map(fit.unknowns.term, fit.unknowns.of_joint(joint)):
+        if term.kind == TermKind.STRIBECK:
+            numbers['stribeck'] = torque(term.kind)
+            numbers['stribeck_velocity'] = Estimate(term.stribeck_velocity, unit='rad/s')
+        elif term.kind == TermKind.LOAD:
+            numbers['load'] = estimate({term.kind: 1.0}, '', 0.0)
+        elif term.kind == TermKind.DEAD_BAND:
+            numbers['dead_band'] = torque(term.kind)
+        elif term.kind == TermKind.COUPLED_COULOMB:
+            coupled = (
+                CoupledFriction(
+                    int(term.which), torque(term.kind), viscous(TermKind.COUPLED_VISCOUS)
+                ),
+            )
+    return JointFriction(**numbers, coupled=coupled)
 
 
 def _row(fit: Fit, joint: int, weights: dict[TermKind, float]) -> Array:
-    """Return the weights of x that give a weighted sum of coefficients of a joint, shape (m,)."""
-    rows = [factor * fit.unknowns.row(joint, kind) for kind, factor in weights.items()]
+    """Return the weights of x for weighted coefficients, shape (m,)."""
+    rows = [factor * fit.unknowns.row(joint, x) for x, factor in weights.items()]
     return np.asarray(np.sum(rows, axis=0))
 
 
-def _unexplained_by_added(fit: Fit, basic: Fit, joint: int) -> float:
-    """Return the noise of a joint by that without the added terms; 0 if there are none."""
-    if len(fit.unknowns.of_joint(joint)) == len(basic.unknowns.of_joint(joint)):
+def _unexplained_by_added(fit: Fit, basic: Fit | None, joint: int) -> float:
+    """
+    Return the noise of a joint over that without added terms.
+
+    It is 0 if there are none.
+    """
+    if basic is None or (len(fit.unknowns.of_joint(joint)) == len(basic.unknowns.of_joint(joint))):
         return 0.0
     return float(fit.noise.deviation[joint] / basic.noise.deviation[joint])
 
 
 def _no_stribeck(data: Observations, joint: int) -> Estimate:
-    """Return the absence of Stribeck friction, with what the motion does not show of it."""
+    """Return the absence of Stribeck friction above a velocity."""
     speed = np.abs(data.windows.velocity[data.used[:, joint], joint])
     slow = [v for v in STRIBECK_VELOCITIES if (speed < v).sum() >= FEWEST_WINDOWS]
     if not slow:
-        return Estimate.unknown('the joint does not move slowly enough')
-    return Estimate.none(f'of velocities above {slow[0]:g} rad/s')
+        return Estimate.unknown(Gap.NOT_SLOW)
+    return Estimate.none(shown_above=slow[0])

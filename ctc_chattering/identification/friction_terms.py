@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The terms of friction of a joint, as columns of the regression."""
+"""Terms of a joint's friction, as columns of the regression."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ NOT_NEGATIVE = (TermKind.COULOMB, TermKind.VISCOUS, TermKind.LOAD, TermKind.DEAD
 
 class FrictionTerm(NamedTuple):
     """
-    A column of friction of one joint, over its deviation before any data.
+    Column of friction of one joint, over its prior deviation.
 
     Attributes
     ----------
@@ -85,17 +85,19 @@ class FrictionTerm(NamedTuple):
             Sign of the torque of each drive, as a model predicts it.
 
         """
-        joint, other = self.joint, int(self.which)
+        joint, coupled = self.joint, int(self.which)
         values: Callable[[], Array] = {
             TermKind.COULOMB: lambda: windows.direction[:, joint],
             TermKind.OFFSET: lambda: np.ones(len(windows.t)),
             TermKind.VISCOUS: lambda: windows.velocity[:, joint],
-            TermKind.QUADRATIC: lambda: windows.velocity[:, joint] * np.abs(
-                windows.velocity[:, joint]),
+            TermKind.QUADRATIC: lambda: (
+                windows.velocity[:, joint] * np.abs(windows.velocity[:, joint])
+            ),
             TermKind.STRIBECK: lambda: windows.stribeck_column(joint, self.which),
             TermKind.LOAD: lambda: windows.load[:, joint],
             TermKind.SCALE: lambda: windows.model_torque[:, joint],
             TermKind.DEAD_BAND: lambda: drive_sign[:, joint],
-            TermKind.COUPLED_COULOMB: lambda: windows.direction[:, other],
-            TermKind.COUPLED_VISCOUS: lambda: windows.velocity[:, other]}[self.kind]
+            TermKind.COUPLED_COULOMB: lambda: windows.direction[:, coupled],
+            TermKind.COUPLED_VISCOUS: lambda: windows.velocity[:, coupled],
+        }[self.kind]
         return np.asarray(self.size * values())

@@ -11,8 +11,12 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+"""
+Gains of `observer_feedback` for an identified robot.
 
-"""Gains of `observer_feedback` from what was identified: ka, rate of the drives, and poles."""
+`identified_robot` calls this with the numbers of a run. The trial runs choose among the options
+that it returns, and `sentences` gives the reasons of the gains.
+"""
 
 from __future__ import annotations
 
@@ -22,72 +26,74 @@ from math import floor, isfinite
 from typing import Any, NamedTuple
 
 from ctc_chattering.control.recommended_gains import (
-    BANDWIDTH_LAG,
     estimator_bandwidth,
     largest_pole,
     lateness,
-    MAX_POLE_LATENESS,
     observer_bandwidth,
     RECOMMENDED_LAW,
     RECOMMENDED_SWITCHING,
 )
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.identification.findings import (
-    Finding,
-    note,
-    Reason,
-    Severity,
-)
+from ctc_chattering.identification.findings import Finding, Reason, Severity
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.perturbation import (
-    MeasuredPerturbation,
-    perturbation_bound,
-)
+from ctc_chattering.identification.perturbation import MeasuredPerturbation
+from ctc_chattering.identification.perturbation_bound import bound_perturbation, PerturbationBound
 from ctc_chattering.identification.verdict import verdicts
 from ctc_chattering.number_format import round_number, round_towards
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: Time in which friction may change its sign [s].
-REVERSAL_S = 0.02
-#: Time in which drives without torque carry the arm [s].
-CARRIED_S = 0.03
-#: Range of lags up to which they are known [s].
-KNOWN_LAG_S = 0.003
-#: Least rate to ask for [N·m/s].
-LEAST_RATE = 1.0
-#: Largest observer bandwidth [rad/s].
-MOST_BANDWIDTH = 1200.0
-#: Parts of the fastest pole that are tried in turn.
-SLOWER = (1.0, 0.7, 0.5, 0.35, 0.25)
-#: Parameters of the controller, each with a reason.
-Gains = dict[str, tuple[object, str]]
-#: Gains of the laws of the paper, where those of the run are not known.
-GAINS = (100.0, 50.0)
+
+@dataclasses.dataclass(frozen=True)
+class GainLimits:
+    """Limits of the recommended gains."""
+
+    #: Time in which friction may change its sign [s].
+    reversal_s: float = 0.02
+    #: Time in which the rate of the drives must reach the weight of the arm [s]. They may begin
+    #: without torque.
+    carried_s: float = 0.03
+    #: Range of possible lags up to which a lag is known [s].
+    known_lag_s: float = 0.003
+    #: Smallest rate to ask for [N·m/s].
+    min_rate: float = 1.0
+    #: Largest observer bandwidth [rad/s].
+    max_bandwidth: float = 1200.0
+    #: Parts of the fastest pole that the trial runs try in turn.
+    pole_parts: tuple[float, ...] = (1.0, 0.7, 0.5, 0.35, 0.25)
+
+
+GAIN_LIMITS = GainLimits()
+#: Parameters of the controller.
+Gains = dict[str, Any]
 
 
 class RateLimit(NamedTuple):
-    """`torque_rate_limit` of each joint, shape (n,) [N·m/s], and findings on the drives."""
+    """`torque_rate_limit`, shape (n,) [N·m/s], with findings on the drives."""
 
     rate: Array
     findings: tuple[Finding, ...]
 
 
-def torque_rate(identified: Identification, fastest: Array, declared: Sequence[float] = (),
-                weight: Array | float = 0.0) -> RateLimit:
+def torque_rate(
+    identified: Identification,
+    fastest: Array,
+    declared: Sequence[float] = (),
+    weight: Array | float = 0.0,
+) -> RateLimit:
     """
     Return the rate limit for the law.
 
-    It is what friction and motion need, and what carries the arm at the start, when drives may be
-    without torque. It is never above the drive's own rate: a drive that is slower than the
-    configured limit makes the loop diverge, one that is faster costs little. Where the lag is
+    Friction and motion need a rate, and so does carrying the arm at the start, when drives may be
+    without torque. The limit is never above the drive's own rate. A drive that is slower than the
+    configured limit makes the loop diverge. One that is faster costs little. Where the lag is
     inverted, commands change by up to R (2 T + h) a period. For drives whose rate is known, R is
     so small that this is within what they do in a period, if that is enough.
 
     Parameters
     ----------
     identified : Identification
-        As of `identify`.
+        Numbers of a run.
     fastest : ndarray, shape (n,)
         Change of the model's torque as fast as the limits allow [N·m/s].
     declared : sequence of float, shape (n,), optional
@@ -97,74 +103,196 @@ def torque_rate(identified: Identification, fastest: Array, declared: Sequence[f
 
     """
     friction = np.array([joint.at_rest for joint in identified.friction])
-    needed = np.maximum(2.0 * friction / REVERSAL_S, fastest).clip(min=LEAST_RATE)
+    reversal = 2.0 * friction / GAIN_LIMITS.reversal_s
+    needed = np.maximum(reversal, fastest).clip(min=GAIN_LIMITS.min_rate)
     identified_rate = [np.nan if x.value is None else x.value - x.half for x in identified.rate]
     drive = np.array(declared or identified_rate or [np.nan] * len(needed))
     drive = np.where(drive > 0.0, drive, np.nan)
-    least = drive / (1.0 + 2.0 * longest_lag(identified) / identified.clock.period)
-    findings = [Finding(
-        Reason.GAINS, Severity.CARE, joint,
-        f'The drive changes its torque by {drive[joint]:.3g} N*m/s; {needed[joint]:.3g} N*m/s are '
-        f'needed for reversals in {REVERSAL_S:g} s and faster motions',
-        'Expect errors at reversals, and slow the motion down')
-        for joint in np.flatnonzero(drive < needed).tolist()]
+    smallest = drive / (1.0 + 2.0 * longest_lag(identified) / identified.clock.period)
+    findings = [
+        Finding(
+            Reason.SLOW_DRIVE,
+            Severity.CARE,
+            joint,
+            {'rate': drive[joint], 'needed': needed[joint], 'reversal_s': GAIN_LIMITS.reversal_s},
+        )
+        for joint in np.flatnonzero(drive < needed).tolist()
+    ]
     if np.isnan(drive).any():
-        findings.append(note('The rate of the drives is not known; give --torque-rate where a '
-                             'drive is slower than the torque_rate_limit that is recommended'))
+        findings.append(Finding(Reason.NO_RATE, Severity.NOTE))
     # Lags that may be anything are those of elastic joints, say: fast commands make them swing.
     lags = np.array(list(identified.timing.delays.values()))
-    is_known = len(lags) and np.ptp(lags, axis=(0, 1)).max() <= KNOWN_LAG_S
-    wanted = np.maximum(needed, weight / CARRIED_S if is_known else 0.0)
-    rate = np.where(np.isfinite(drive), np.clip(wanted, least, drive), wanted)
+    is_known = len(lags) and np.ptp(lags, axis=(0, 1)).max() <= GAIN_LIMITS.known_lag_s
+    wanted = np.maximum(needed, weight / GAIN_LIMITS.carried_s if is_known else 0.0)
+    rate = np.where(np.isfinite(drive), np.clip(wanted, smallest, drive), wanted)
     return RateLimit(rate, tuple(findings))
 
 
 def longest_lag(identified: Identification) -> Array:
-    """Return the longest lag of each drive that is possible, shape (n,) [s]."""
+    """Return the longest possible lag of each drive, shape (n,) [s]."""
     timing = identified.timing
     possible = [lags[2] for lags in timing.delays.values()] or [timing.drive.lag]
     return np.asarray(np.max(possible, axis=0))
 
 
-@dataclasses.dataclass(frozen=True)
-class Recommendation:
+class LatestTorque(NamedTuple):
+    """Slowest possible pair of delay and lag [s, s, samples]."""
+
+    lateness: float
+    lag: float
+    delay: int
+
+
+class GainBasis(NamedTuple):
     """
-    Gains for the controller; n joints.
+    Numbers that the gains follow from.
 
     Attributes
     ----------
-    values : dict of str to (value, reason)
-        Parameters of the controller.
+    run : MeasuredPerturbation
+        P of the run.
+    bound : PerturbationBound
+        ka and its parts.
+    delays : tuple of int
+        Possible delays of the torque [samples].
+    period : float
+        Sample period h [s].
+    longest_lag : float
+        Longest possible lag of any drive [s].
+    latest : LatestTorque
+        Slowest pair of delay and lag.
+    resolution : float
+        Step or noise of the positions [rad].
+    estimator_ratio : float
+        Bandwidth of the estimator over the pole.
+
+    """
+
+    run: MeasuredPerturbation
+    bound: PerturbationBound
+    delays: tuple[int, ...]
+    period: float
+    longest_lag: float
+    latest: LatestTorque
+    resolution: float
+    estimator_ratio: float
+
+
+class Draw(NamedTuple):
+    """
+    Simulated robot within the intervals.
+
+    Attributes
+    ----------
+    delay : int
+        Delay of its drives [samples].
+    lag : ndarray, shape (n,)
+        Lag of its drives [s].
+    model_scale : float
+        Factor of M, C and G that the controller has.
+    friction_end : int
+        End of the interval of friction, -1 or 1.
+    values : dict
+        Values of plant and controller.
+
+    """
+
+    delay: int
+    lag: Array
+    model_scale: float
+    friction_end: int
+    values: dict[str, dict[str, Any]]
+
+
+class FailedDraw(NamedTuple):
+    """
+    Simulated robot on which gains failed.
+
+    Attributes
+    ----------
+    number : int
+        Number of the draw, from 1.
+    draw : Draw
+        The robot.
+    failure : str
+        Why the run has no errors, empty if it has.
+    joint : str
+        Joint with the largest error in proportion to the allowed one, if any.
+    error, allowed : float
+        Its RMS error, and the allowed one [rad].
+    saturated : float
+        Part of the time with a torque at its limit.
+
+    """
+
+    number: int
+    draw: Draw
+    failure: str = ''
+    joint: str = ''
+    error: float = 0.0
+    allowed: float = 0.0
+    saturated: float = 0.0
+
+
+class GainTrial(NamedTuple):
+    """Trial runs with one pole [rad/s]: draws, and the first failure."""
+
+    pole: float
+    draws: int
+    failed: FailedDraw | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Recommendation:
+    """
+    Gains for the controller of n joints.
+
+    Attributes
+    ----------
+    values : dict
+        Parameters of the controller. Those of an unusable joint are None.
+    basis : GainBasis
+        Numbers that they follow from.
     findings : tuple of Finding
         Doubts about the gains.
     options : tuple of dict
         `values`, and more careful ones, each more than the one before.
-    trials : tuple of str
-        Results of trial runs; empty where there were none.
+    trials : tuple of GainTrial
+        Results of trial runs, if any.
 
     """
 
     values: Gains
+    basis: GainBasis
     findings: tuple[Finding, ...] = ()
     options: tuple[Gains, ...] = ()
-    trials: tuple[str, ...] = ()
+    trials: tuple[GainTrial, ...] = ()
 
     @property
-    def ka(self) -> list[float | None]:
-        """Return ka of each joint [N·m]; None for one that is not usable."""
-        ka: Any = self.values['ka'][0]
-        return list(ka)
+    def pole(self) -> float:
+        """Double pole of the loop [rad/s]."""
+        return pole_of(self.values)
 
 
-def recommend(identified: Identification, run: MeasuredPerturbation, model: Model,
-              rate: Sequence[float] = (), corrected: bool = False) -> Recommendation:
+def pole_of(gains: Gains) -> float:
+    """Return the double pole of a loop with these gains [rad/s]."""
+    return float(0.5 * gains['kv'][0])
+
+
+def recommend(
+    identified: Identification,
+    run: MeasuredPerturbation,
+    model: Model,
+    rate: Sequence[float] = (),
+    corrected: bool = False,
+) -> Recommendation:
     """
     Return gains.
 
     Parameters
     ----------
     identified : Identification
-        As of `identify`.
+        Numbers of a run.
     run : MeasuredPerturbation
         P of the run.
     model : Model
@@ -175,64 +303,61 @@ def recommend(identified: Identification, run: MeasuredPerturbation, model: Mode
         Whether the model has the identified bodies.
 
     """
-    delay, lag, _ = identified.timing.drive
-    longest = float(longest_lag(identified).max())
-    bound = perturbation_bound(identified, run, model, corrected)
+    timing, period = identified.timing, identified.clock.period
+    delay, lag, _ = timing.drive
+    bound = bound_perturbation(identified, run, model, corrected)
     weight = [np.abs(model.gravity_torque(q.tolist())) for q in identified.positions.poses]
     drives = torque_rate(identified, bound.change, rate, np.max(weight, axis=0))
     level = [max(0.0, x.coulomb.value or 0.0) for x in identified.friction]
     usable = [x.usable for x in verdicts(identified)]
-
-    def of_usable(values: Sequence[float] | Array, reason: str) -> tuple[object, str]:
-        return ([round_number(float(x), 6) if good else None for x, good in zip(values, usable)],
-                reason)
-
-    bandwidth = observer_bandwidth(longest, MOST_BANDWIDTH)
-    delays = ' or '.join(map(str, identified.timing.delays))
-    shared: Gains = {
-        'law': (RECOMMENDED_LAW, 'it inverts the lag of drives, and needs no velocities'),
-        'input_delay': (int(delay) if isfinite(delay) else 0,
-                        f'samples from a torque to the motion: {delays or "not known"}'),
-        'actuator_lag': ([round_number(x) for x in lag], 'the lag of the drives'),
-        'switching': (RECOMMENDED_SWITCHING, 'if you choose law chattering'),
-        'observer_bandwidth': (
-            round_towards(bandwidth, 2, floor),
-            f'if you choose it: {BANDWIDTH_LAG:g} / T with the longest lag of the drives that is '
-            f'possible, T = {longest:.3g} s, at most {MOST_BANDWIDTH:g} rad/s'),
-        'ka': of_usable(bound.ka, bound.reason),
-        'friction_level': of_usable(level, 'the Coulomb friction'),
-        'torque_rate_limit': of_usable(
-            drives.rate, f'what a reversal of friction within {REVERSAL_S:g} s, the weight within '
-            f'{CARRIED_S:g} s at the start and the fastest motion need, within the rate of the '
-            'drives where it is known')}
+    possible = timing.delays or {0: lag}
     # The coarsest step of an encoder, or the noise of positions, if that is more.
     steps = [x.value or 0.0 for x in identified.encoder]
     resolution = max(float(identified.positions.noise.max()), *steps)
-    options = tuple({**shared, **_poles(identified, x, resolution)} for x in SLOWER)
+    basis = GainBasis(
+        run=run,
+        bound=bound,
+        delays=tuple(timing.delays),
+        period=period,
+        longest_lag=float(longest_lag(identified).max()),
+        latest=max(
+            LatestTorque(lateness(float(lags.max()), period, k), float(lags.max()), k)
+            for k, lags in possible.items()
+        ),
+        resolution=resolution,
+        estimator_ratio=estimator_bandwidth(1.0, resolution),
+    )
+
+    def of_usable(values: Sequence[float] | Array) -> list[float | None]:
+        return [round_number(float(x), 6) if good else None for x, good in zip(values, usable)]
+
+    bandwidth = observer_bandwidth(basis.longest_lag, GAIN_LIMITS.max_bandwidth)
+    shared: Gains = {
+        'law': RECOMMENDED_LAW,
+        'input_delay': int(delay) if isfinite(delay) else 0,
+        'actuator_lag': [round_number(x) for x in lag],
+        'switching': RECOMMENDED_SWITCHING,
+        'observer_bandwidth': round_towards(bandwidth, 2, floor),
+        'ka': of_usable(bound.ka),
+        'friction_level': of_usable(level),
+        'torque_rate_limit': of_usable(drives.rate),
+    }
+    options = tuple(
+        {**shared, **_pole_gains(basis, factor, len(lag))} for factor in GAIN_LIMITS.pole_parts
+    )
     return Recommendation(
-        options[0], (*run.outliers(), *run.break_away(identified.joints), *bound.findings,
-                     *drives.findings), options)
+        options[0],
+        basis,
+        (*run.outliers(), *run.break_away(), *bound.findings, *drives.findings),
+        options,
+    )
 
 
-class _Latest(NamedTuple):
-    """The possible delay and lag of the drives after which a torque acts last [s, s, samples]."""
-
-    lateness: float
-    lag: float
-    delay: int
-
-
-def _poles(identified: Identification, slower: float, resolution: float) -> Gains:
-    """Return the gains of `observer_feedback`, its pole as a part of the fastest."""
-    period, n = identified.clock.period, len(identified.joints)
-    possible = identified.timing.delays or {0: identified.timing.drive.lag}
-    latest = max(_Latest(lateness(float(lags.max()), period, delay), float(lags.max()), delay)
-                 for delay, lags in possible.items())
-    pole = round_towards(slower * largest_pole(latest.lateness), 2, floor)
-    ratio = estimator_bandwidth(1.0, resolution)
-    return {'kp': ([pole ** 2] * n, f'a double pole at p = {pole:g} rad/s, p (T + h (1 + d)) = '
-                   f'{pole * latest.lateness:.2g} ≤ {MAX_POLE_LATENESS:g} with '
-                   f'T = {latest.lag:.3g} s, h = {period:g} s, d = {latest.delay}'),
-            'kv': ([2.0 * pole] * n, '2 p'),
-            'estimator_bandwidth': (ratio * pole,
-                                    f'{ratio:g} p for positions to {resolution:.2g} rad')}
+def _pole_gains(basis: GainBasis, factor: float, n: int) -> Gains:
+    """Return the gains of n joints for a part of the fastest pole."""
+    pole = round_towards(factor * largest_pole(basis.latest.lateness), 2, floor)
+    return {
+        'kp': [pole**2] * n,
+        'kv': [2.0 * pole] * n,
+        'estimator_bandwidth': basis.estimator_ratio * pole,
+    }

@@ -11,7 +11,12 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Identification of a robot from recorded motions: numbers, corrected URDF, gains and files."""
+"""
+Identification of a robot: numbers, corrected URDF, gains and files.
+
+`ctc identify` and the Python API call `identify` with the motions of bags or tables, then
+`write_identified`, which tries the gains in simulation and writes all files.
+"""
 
 from __future__ import annotations
 
@@ -34,41 +39,66 @@ from ctc_chattering.dynamics.registry import DESCRIBED, locked_positions, make_m
 from ctc_chattering.dynamics.urdf_model import SingularInertia
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import ParameterError, UsageError
-from ctc_chattering.identification import identify as regression
-from ctc_chattering.identification.effort import CURRENT, in_torques, LINK, MOTOR
-from ctc_chattering.identification.findings import ALL_JOINTS, Finding, note, Reason, Severity
+from ctc_chattering.identification.effort import convert_effort, CURRENT, LINK, MOTOR
+from ctc_chattering.identification.findings import Finding, Reason, Severity
 from ctc_chattering.identification.gains import recommend
-from ctc_chattering.identification.identify import Identification, TorqueSignal
-from ctc_chattering.identification.perturbation import perturbation
+from ctc_chattering.identification.identify import (
+    common_period,
+    Identification,
+    identify_recordings,
+    TorqueSignal,
+)
+from ctc_chattering.identification.perturbation import measure_perturbation
 from ctc_chattering.identification.prior import URDF_UNCERTAINTY
 from ctc_chattering.identification.recorder_faults import repair
 from ctc_chattering.identification.recording import RecordedMotion, Recording
 from ctc_chattering.identification.results import IdentificationResults, write_page
-from ctc_chattering.identification.sensors import velocity_noise
+from ctc_chattering.identification.sensors import estimate_velocity_noise
 from ctc_chattering.identification.trial_runs import (
-    COUNT,
-    COUNT_PLAIN,
+    COMPILED_COUNT,
     parameter_values,
+    PLAIN_COUNT,
     setups_tried,
     trial_runs,
     Values,
 )
+from ctc_chattering.number_format import round_number
 from ctc_chattering.numerics.angles import unwrapped
 from ctc_chattering.output_files import check_format, write_json, write_text
 from ctc_chattering.output_folder import new_folder
 from ctc_chattering.parameters import check_not_empty, checked_integer, LEAST, Parameter
 import numpy as np
 
-#: Rate of the drives, as the user declares it.
-TORQUE_RATE = Parameter('torque_rate', 'float[]', None, 'rate limit of the drives', unit='N*m/s',
-                        minimum=LEAST, shape='n')
-#: Torque constants, as the user declares them.
-TORQUE_CONSTANT = Parameter('torque_constant', 'float[]', None, 'torque at the joint per ampere '
-                            'of a current [N·m/A], or per N·m of the motor: gear ratio included',
-                            shape='n')
-#: Uncertainty of the URDF, as the user declares it.
-UNCERTAINTY = Parameter('urdf_uncertainty', 'float', URDF_UNCERTAINTY, 'uncertainty of a body '
-                        'of the URDF, as a part of its mass and size', minimum=LEAST, maximum=10.0)
+#: Declaration of the rate of the drives.
+TORQUE_RATE = Parameter(
+    'torque_rate',
+    'float[]',
+    None,
+    'rate limit of the drives',
+    unit='N*m/s',
+    minimum=LEAST,
+    shape='n',
+)
+#: Declaration of torque constants.
+TORQUE_CONSTANT = Parameter(
+    'torque_constant',
+    'float[]',
+    None,
+    'torque at the joint per ampere '
+    'of a current [N·m/A], or per N·m of the motor: gear ratio included',
+    shape='n',
+)
+#: Declaration of the uncertainty of the URDF.
+UNCERTAINTY = Parameter(
+    'urdf_uncertainty',
+    'float',
+    URDF_UNCERTAINTY,
+    'uncertainty of a body of the URDF, as a part of its mass and size',
+    minimum=LEAST,
+    maximum=10.0,
+)
+#: Declaration of gravity.
+GRAVITY = ControllerConfig.parameters()['gravity']
 #: Kinds of a measured effort.
 SIDES = ('', MOTOR, LINK, CURRENT)
 #: Names in the directory of `write_identified`.
@@ -84,8 +114,6 @@ IDENTIFY = 'ctc identify'
 MOUNT_NOTE_RAD = 0.02
 #: Acceleration of gravity where nothing says otherwise [m/s²].
 USUAL_GRAVITY = 9.81
-#: What is allowed of it.
-GRAVITY = ControllerConfig.parameters()['gravity']
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,7 +126,7 @@ class RobotModel:
     model : Model
         Of the robot.
     files : dict of str to str
-        Descriptions by name; the last one is that of the model.
+        Descriptions by name. The last one is that of the model.
     locked : dict of str to float
         Positions of joints that the model fixes [rad].
     shared : dict
@@ -116,43 +144,52 @@ class RobotModel:
 
     @property
     def description(self) -> str:
-        """Text of the URDF of the model; empty for another model."""
+        """Text of the URDF, empty for another model."""
         return ['', *self.files.values()][-1]
 
     def described(self, text: str, joints: tuple[str, ...]) -> Model:
-        """Return the model of a description in the place of its own."""
+        """Return the model of another description."""
         return make_model('urdf', self.shared['gravity'], joints, text, self.locked)
 
-    def loaded(self, payloads: Sequence[tuple[float, str]], joints: tuple[str, ...]
-               ) -> list[Model]:
-        """Return the model with each known payload; empty if there is none."""
+    def loaded(
+        self, payloads: Sequence[tuple[float, str]], joints: tuple[str, ...]
+    ) -> list[Model]:
+        """Return the model with each payload, empty without any."""
         if not any(mass for mass, _ in payloads):
             return []
-        return [self.described(with_payload(self.description, joints, mass, link), joints)
-                if mass else self.model for mass, link in payloads]
+        return [
+            self.described(with_payload(self.description, joints, mass, link), joints)
+            if mass
+            else self.model
+            for mass, link in payloads
+        ]
 
     def corrected(self, identified: Identification) -> RobotModel:
-        """Return it with the identified bodies; as it is where these are those of the model."""
+        """Return it with the identified bodies, if they differ."""
         text = corrected_description(identified, self.files.get(ROBOT, ''), self.locked)
         if not text:
             return self
-        return dataclasses.replace(self, model=self.described(text, identified.joints),
-                                   files={**self.files, CORRECTED: text})
+        return dataclasses.replace(
+            self,
+            model=self.described(text, identified.joints),
+            files={**self.files, CORRECTED: text},
+        )
 
 
-def corrected_description(identified: Identification, description: str,
-                          locked: Mapping[str, float] | None = None) -> str:
+def corrected_description(
+    identified: Identification, description: str, locked: Mapping[str, float] | None = None
+) -> str:
     """
-    Return the URDF with the identified bodies; empty where they are those of the model.
+    Return the URDF with the identified bodies, empty for no change.
 
     Parameters
     ----------
     identified : Identification
         With the bodies.
     description : str
-        The URDF of the model; empty for another model.
+        The URDF of the model, empty for another model.
     locked : mapping of str to float, optional
-        As the model has it.
+        Positions of joints that the model fixes [rad].
 
     """
     bodies = identified.bodies
@@ -161,28 +198,34 @@ def corrected_description(identified: Identification, description: str,
     return bodies.description(description, identified.joints, locked)
 
 
-def correction_notes(identified: Identification, name: str) -> Iterator[Finding]:
-    """Yield what the URDF `name` has that the given one has not."""
+def correction_findings(identified: Identification, file: str) -> Iterator[Finding]:
+    """Yield the differences of a corrected URDF from the given one."""
     bodies = identified.bodies
     assert bodies is not None
-    change = ', '.join(f'{x:.2g}' for x in bodies.change_rms())
-    yield note(f'{name} has the identified bodies, which change the torque by {change} N*m RMS in '
-               'this motion')
+    yield Finding(
+        Reason.CORRECTED,
+        Severity.NOTE,
+        values={'file': file, 'change': bodies.change_rms().tolist()},
+    )
     if bodies.turn > MOUNT_NOTE_RAD:
         yield Finding(
-            Reason.MOUNT, Severity.CARE, ALL_JOINTS, 'Gravity is along '
-            f'{np.round(bodies.gravity, 2).tolist()} m/s² in the frame of the base, turned by '
-            f'{np.degrees(bodies.turn):.2g} degrees from the URDF: the base is mounted like that, '
-            f'and {name} has it', 'Confirm the mounting')
+            Reason.MOUNT,
+            Severity.CARE,
+            values={
+                'file': file,
+                'gravity': bodies.gravity.tolist(),
+                'degrees': float(np.degrees(bodies.turn)),
+            },
+        )
     for joint, rotor in enumerate(bodies.rotors):
         if rotor.value is not None and rotor.value - rotor.half > 0.0:
-            yield note(f'{name} has a rotor inertia of {rotor}', joint)
+            yield Finding(Reason.ROTOR, Severity.NOTE, joint, {'file': file, 'rotor': rotor})
 
 
 @dataclasses.dataclass(frozen=True)
 class IdentifiedRobot:
     """
-    A robot as `identify` has found it.
+    A robot with its identified numbers and its model.
 
     Attributes
     ----------
@@ -201,42 +244,56 @@ class IdentifiedRobot:
 
     @property
     def missing(self) -> list[str]:
-        """Return the joints that are not usable: of these there are no gains."""
+        """Return the joints without gains: they are not usable."""
         return [x.joint for x in self.results.verdicts if not x.usable]
 
     def parameters(self, directory: Path) -> Values:
-        """Return the values of the parameter file, by node; `directory` has the description."""
+        """
+        Return the values of the parameter file, by node.
+
+        The description is in `directory`.
+        """
         shared = dict(self.robot.shared)
         if self.robot.files:
             shared['description'] = str((directory / list(self.robot.files)[-1]).resolve())
         return parameter_values(
-            self.results.found, self.results.recommended, self.robot.model, shared,
-            self.robot.gains)
+            self.results.found,
+            self.results.recommended,
+            self.robot.model,
+            shared,
+            self.robot.gains,
+        )
 
 
-def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
-             gravity: float | None = None, side: str = '', torque_rate: Sequence[float] = (),
-             torque_constant: Sequence[float] | None = None,
-             payloads: Sequence[tuple[float, str]] = (),
-             urdf_uncertainty: float = URDF_UNCERTAINTY) -> IdentifiedRobot:
+def identify(
+    motions: Sequence[RecordedMotion],
+    model: str = '',
+    urdf: str = '',
+    gravity: float | None = None,
+    side: str = '',
+    torque_rate: Sequence[float] = (),
+    torque_constant: Sequence[float] | None = None,
+    payloads: Sequence[tuple[float, str]] = (),
+    urdf_uncertainty: float = URDF_UNCERTAINTY,
+) -> IdentifiedRobot:
     """
-    Identify friction, drives and errors of the model from recorded motions, with gains.
+    Identify friction, drives, errors of the model, and gains.
 
     Parameters
     ----------
     motions : sequence of RecordedMotion
         As `read_motion` returns them, of one robot.
     model : str
-        ``two_link``, ``urdf`` or ``package.module:Name``; empty for that of the recording.
+        ``two_link``, ``urdf`` or ``package.module:Name``, empty for that of the recording.
     urdf : str
         Text of the URDF in place of that of the recording.
     gravity : float, optional
         In place of that of the recording, or 9.81 [m/s²].
     side : {'', 'motor', 'link', 'current'}
-        What the effort is: torque of the motor, torque of a sensor behind the gear, or a current;
-        empty where it is not used.
+        Kind of the effort: torque of the motor, torque of a sensor behind the gear, or a current.
+        It is empty where the effort is not used.
     torque_rate : sequence of float, length n
-        Rate that the drives allow [N·m/s]; empty where it is not known.
+        Rate that the drives allow [N·m/s], empty where it is not known.
     torque_constant : sequence of float, length n, optional
         Torque at the joint per unit of the effort, of a current [N·m/A] or a torque of the motor:
         the motor's times the gear ratio.
@@ -244,7 +301,7 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
         For each motion the mass of a known payload [kg], 0 for none, and the link that has it at
         its origin. A motion with one beside a motion without tells torque constants from masses.
     urdf_uncertainty : float
-        By which part of itself a body of the URDF may be wrong.
+        Uncertainty of a body of the URDF, as a part of the body.
 
     Returns
     -------
@@ -264,71 +321,103 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
     joints = motions[0].recording.joints
     constant, rate = (
         x if x is None or not len(x) else spec.checked(x, len(joints))
-        for spec, x in ((TORQUE_CONSTANT, torque_constant), (TORQUE_RATE, torque_rate)))
+        for spec, x in ((TORQUE_CONSTANT, torque_constant), (TORQUE_RATE, torque_rate))
+    )
     uncertainty = UNCERTAINTY.checked(urdf_uncertainty)
-    recordings, side = in_torques([x.recording for x in motions], side, constant)
-    notes = [*map(note, (text for x in motions for text in x.notes))]
+    recordings, side = convert_effort([x.recording for x in motions], side, constant)
+    findings = [
+        Finding(Reason.RECORDING, Severity.NOTE, values={'text': text})
+        for x in motions
+        for text in x.notes
+    ]
     controller = motions[0].controller
-    robot = _robot(motions[0], model, urdf, gravity, notes)
+    robot = _robot(motions[0], model, urdf, gravity, findings)
     del motions  # Long ones are large.
     payloads = _checked_payloads(payloads, len(recordings), robot, joints)
-    notes += [note(f'{x.name}: a ball of {mass:g} kg, radius 5 cm, at the origin of {link}')
-              for x, (mass, link) in zip(recordings, payloads) if mass]
+    findings += [
+        Finding(
+            Reason.PAYLOAD,
+            Severity.NOTE,
+            values={'recording': recording.name, 'mass': mass, 'link': link},
+        )
+        for recording, (mass, link) in zip(recordings, payloads)
+        if mass
+    ]
     name = ', '.join(x.name for x in recordings)
     for k in range(len(recordings)):
-        recordings[k], findings = repair(recordings[k])
-        recordings[k] = _turning_on(recordings[k], controller, robot.model)
-        notes += findings
+        recordings[k], repairs = repair(recordings[k])
+        recordings[k] = _count_turns(recordings[k], controller, robot.model)
+        findings += repairs
     # Velocities are needed no more after this.
-    velocities = velocity_noise(recordings[0], regression.common_period(recordings))
+    velocities = estimate_velocity_noise(recordings[0], common_period(recordings))
     recordings = [dataclasses.replace(x, dq=None) for x in recordings]
-    identified = regression.identify(
-        recordings, robot.model, TorqueSignal(side, uncertainty),
-        robot.loaded(payloads, joints), velocities)
+    identified = identify_recordings(
+        recordings,
+        robot.model,
+        TorqueSignal(side, uncertainty),
+        robot.loaded(payloads, joints),
+        velocities,
+    )
     del recordings
     robot = robot.corrected(identified)
     is_corrected = CORRECTED in robot.files
-    correction = correction_notes(identified, CORRECTED) if is_corrected else ()
+    corrections = correction_findings(identified, CORRECTED) if is_corrected else ()
     identified = dataclasses.replace(
-        identified, findings=(*notes, *identified.findings, *correction))
+        identified, findings=(*findings, *identified.findings, *corrections)
+    )
     with suppress(AttributeError, OSError):  # The C library of Linux keeps freed memory.
         ctypes.CDLL(None).malloc_trim(0)
-    run = perturbation(identified, is_corrected)
+    run = measure_perturbation(identified, is_corrected)
     recommended = recommend(identified, run, robot.model, rate or (), is_corrected)
     return IdentifiedRobot(IdentificationResults(name, identified, run, recommended), robot)
 
 
-def _checked_payloads(payloads: Sequence[tuple[float, str]], count: int, robot: RobotModel,
-                      joints: tuple[str, ...]) -> list[tuple[float, str]]:
-    """Return the payload of each motion, at the tip where no link is named; empty for none."""
+def _checked_payloads(
+    payloads: Sequence[tuple[float, str]], count: int, robot: RobotModel, joints: tuple[str, ...]
+) -> list[tuple[float, str]]:
+    """
+    Return the payload of each motion, empty for none.
+
+    It is at the tip where no link is named.
+    """
     if not all(0.0 <= mass < inf for mass, _ in payloads):
         raise ParameterError('payloads', payloads, 'pairs of a mass >= 0 [kg] and a link')
     if payloads and (len(payloads) != count or not robot.files):
-        raise ParameterError('payloads', payloads, f'{count} pairs, one for each motion, with '
-                             'mass 0 for none, of a URDF')
+        raise ParameterError(
+            'payloads',
+            payloads,
+            f'{count} pairs, one for each motion, with mass 0 for none, of a URDF',
+        )
     return [(mass, link or tip_of(Tree(robot.description), joints)) for mass, link in payloads]
 
 
-def _turning_on(recording: Recording, controller: ControllerConfig | None, model: Model
-                ) -> Recording:
-    """Return a recording whose continuous joints count their turns also over pauses."""
+def _count_turns(
+    recording: Recording, controller: ControllerConfig | None, model: Model
+) -> Recording:
+    """Return a recording that counts turns also over pauses."""
     described = dict(zip(recording.joints, model.continuous))
     named = (DESCRIBED,) if controller is None else controller.continuous_joints
-    continuous = [name in named or (DESCRIBED in named and described.get(name, False))
-                  for name in recording.joints]
+    continuous = [
+        name in named or (DESCRIBED in named and described.get(name, False))
+        for name in recording.joints
+    ]
     q = unwrapped(recording.t, recording.q, None, continuous)
     return recording if q is recording.q else dataclasses.replace(recording, q=q)
 
 
-def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None,
-           notes: list[Finding]) -> RobotModel:
-    """Return the model for a motion, from arguments, the recording, or both."""
+def _robot(
+    motion: RecordedMotion, model: str, urdf: str, gravity: float | None, findings: list[Finding]
+) -> RobotModel:
+    """Return the model by arguments, the recording, or both."""
     controller, description = motion.controller, urdf or motion.description
-    name = model or ('urdf' if urdf else controller.model if controller else
-                     'urdf' if description else '')
+    name = model or (
+        'urdf' if urdf else controller.model if controller else 'urdf' if description else ''
+    )
     if not name:
-        raise UsageError(f'{motion.recording.name} has no robot description: give --urdf FILE, or '
-                         '--model; in Python urdf, or model')
+        raise UsageError(
+            f'{motion.recording.name} has no robot description: give --urdf FILE, or '
+            '--model; in Python urdf, or model'
+        )
     if gravity is None:
         gravity = controller.gravity if controller else USUAL_GRAVITY
     gravity = GRAVITY.checked(gravity)
@@ -342,31 +431,56 @@ def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None,
             raise
         description = with_rotors(description, rotors)
         dynamics = make_model(name, gravity, joints, description, positions)
-        words = ', '.join(f'{joint} {inertia:.2g} kg*m^2' for joint, inertia in rotors.items())
-        notes.append(note(
-            f'The URDF has too little inertia for some joints. Rotors are assumed: {words}'))
+        findings.append(
+            Finding(
+                Reason.ASSUMED_ROTORS,
+                Severity.NOTE,
+                values={
+                    'rotors': {
+                        joint: round_number(inertia, 2) for joint, inertia in rotors.items()
+                    }
+                },
+            )
+        )
     shared: dict[str, Any] = {'model': name, 'gravity': gravity}
     if any(locked):
         shared['locked'] = list(locked)
-    if controller and controller.joint_names == joints and (
-            controller.continuous_joints != (DESCRIBED,)):
+    if (
+        controller
+        and controller.joint_names == joints
+        and (controller.continuous_joints != (DESCRIBED,))
+    ):
         shared['continuous_joints'] = list(controller.continuous_joints)
-    return RobotModel(dynamics, {ROBOT: description} if name == 'urdf' else {}, positions, shared,
-                      (controller.kp, controller.kv) if controller else None)
+    return RobotModel(
+        dynamics,
+        {ROBOT: description} if name == 'urdf' else {},
+        positions,
+        shared,
+        (controller.kp, controller.kv) if controller else None,
+    )
 
 
 def _usual_rotors(description: str, joints: Sequence[str]) -> dict[str, float]:
-    """Return a usual rotor inertia of joints with an effort limit [kg·m²]."""
+    """Return usual rotor inertias, by the effort limits [kg·m²]."""
     described = Tree(description).joints
-    return {name: ASSUMED_ROTOR * described[name].effort for name in joints
-            if described[name].effort < inf}
+    return {
+        name: ASSUMED_ROTOR * described[name].effort
+        for name in joints
+        if described[name].effort < inf
+    }
 
 
-def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int | None = None,
-                     show: Callable[[str], None] = print, extra: str = 'svg',
-                     command: str = '', overwrite: bool = False) -> IdentifiedRobot:
+def write_identified(
+    identified: IdentifiedRobot,
+    out: str | Path,
+    trials: int | None = None,
+    show: Callable[[str], None] = print,
+    extra: str = 'svg',
+    command: str = '',
+    overwrite: bool = False,
+) -> IdentifiedRobot:
     """
-    Try the gains in simulation, and write parameter file, numbers, figures and page.
+    Try the gains in simulation, and write all files.
 
     Parameters
     ----------
@@ -377,8 +491,8 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
         ``figures``, ``index.html`` and the URDF. The parameter file is not written if a joint is
         not usable (`IdentifiedRobot.missing`).
     trials : int, optional
-        Robots within the intervals on which the gains are tried; by default 24, or 8 without
-        numba; 0 for none.
+        Robots within the intervals on which the gains are tried, by default 24, or 8 without
+        numba. With 0 none are tried.
     show : callable
         Takes lines about what is compiled for them.
     extra : {'svg', 'pdf', 'png'}
@@ -401,7 +515,7 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
     """
     check_format(extra)
     if trials is None:
-        trials = COUNT if has_compiler() else COUNT_PLAIN
+        trials = COMPILED_COUNT if has_compiler() else PLAIN_COUNT
     checked_integer('trials', trials, 0)
     with new_folder(Path(out), IDENTIFY, overwrite) as folder:
         for name, text in identified.robot.files.items():
@@ -416,18 +530,30 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
     return tried
 
 
-def _tried(identified: IdentifiedRobot, folder: Path, trials: int, show: Callable[[str], None]
-           ) -> IdentifiedRobot:
-    """Return the robot with the gains that survive the trials; its URDF is in a folder."""
+def _tried(
+    identified: IdentifiedRobot, folder: Path, trials: int, show: Callable[[str], None]
+) -> IdentifiedRobot:
+    """
+    Return the robot with the gains that survive the trials.
+
+    Its URDF is in a folder.
+    """
     if not trials or identified.missing:
         return identified
     results = identified.results
     setups = setups_tried(
-        results.recommended, identified.parameters(folder), identified.robot.gains)
+        results.recommended, identified.parameters(folder), identified.robot.gains
+    )
     compile_setups(setups, show)
-    return dataclasses.replace(identified, results=dataclasses.replace(
-        results, recommended=trial_runs(
-            results.found, results.run, results.recommended, setups, trials)))
+    return dataclasses.replace(
+        identified,
+        results=dataclasses.replace(
+            results,
+            recommended=trial_runs(
+                results.found, results.run, results.recommended, setups, trials
+            ),
+        ),
+    )
 
 
 def _write_page(identified: IdentifiedRobot, folder: Path, extra: str, command: str) -> None:
@@ -438,7 +564,12 @@ def _write_page(identified: IdentifiedRobot, folder: Path, extra: str, command: 
     results = identified.results
     words = {VALUES: 'parameter file', JSON: 'all numbers', CORRECTED: 'corrected URDF'}
     files = {name: content for name, content in words.items() if (folder / name).exists()}
-    figures = save([torque_figure(results.found, results.verdicts),
-                    friction_figure(results.found, results.verdicts)], folder / FIGURES,
-                   ('svg', extra))
+    figures = save(
+        [
+            torque_figure(results.found, results.verdicts),
+            friction_figure(results.found, results.verdicts),
+        ],
+        folder / FIGURES,
+        ('svg', extra),
+    )
     write_page(results, figures, folder / PAGE, files, command)

@@ -12,10 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-From recordings to timing, bodies and friction, judged by torque that was not fitted.
+Identification of timing, bodies and friction from recordings of one robot.
 
-The order: stretches without a gap, windows, conventions of the torque, timing of the drives,
-the regression with the terms that help, its prediction.
+`identified_robot` calls `identify_recordings` with the repaired recordings and the model. The
+steps: stretches without a gap, windows, conventions of the torque, timing of the drives, the
+regression with the terms that help, and its prediction of torque that was not fitted.
 """
 
 from __future__ import annotations
@@ -30,12 +31,16 @@ from ctc_chattering.identification.conventions import (
     check_order,
     check_sign,
     check_torque,
-    constants_of_currents,
-    mounted_gravity,
-    payload_scale,
+    estimate_gravity,
 )
-from ctc_chattering.identification.drives import COMMAND, Drive, EFFORT, has, known_torque
-from ctc_chattering.identification.effort import CURRENT, LINK, torque_source
+from ctc_chattering.identification.drives import Drive, known_torque
+from ctc_chattering.identification.effort import (
+    choose_source,
+    CURRENT,
+    estimate_current_constants,
+    LINK,
+    scale_by_payload,
+)
 from ctc_chattering.identification.findings import Estimate, Finding
 from ctc_chattering.identification.friction import joint_friction, JointFriction
 from ctc_chattering.identification.prediction import Prediction
@@ -51,27 +56,27 @@ from ctc_chattering.identification.regressor import BodyRegressor
 from ctc_chattering.identification.selection import select
 from ctc_chattering.identification.sensors import (
     Clock,
-    clock,
-    encoder_step,
+    estimate_encoder_step,
+    estimate_velocity_noise,
     Positions,
-    velocity_noise,
     VelocityNoise,
 )
-from ctc_chattering.identification.stretches import Stretch, stretches
-from ctc_chattering.identification.timing import rate_limits, Timing, timing, timing_findings
+from ctc_chattering.identification.stretches import COMMAND, EFFORT, split_recording, Stretch
+from ctc_chattering.identification.timing import (
+    estimate_rate_limits,
+    find_timing_doubts,
+    identify_timing,
+    Timing,
+)
 from ctc_chattering.identification.weak_form import TestFunction
-from ctc_chattering.identification.windows import joined, Windows
+from ctc_chattering.identification.windows import join_windows, Windows
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: Part of a period by which rounding it may move the last sample.
-ROUNDED_PART = 0.1
 #: Shortest recording that is used [s].
 SHORTEST_S = 2.0
 #: Shortest stretch without a gap that is used [s].
 SHORTEST_STRETCH_S = 1.0
-#: Difference of the periods of recordings of one robot, as a part of them.
-SAME_PERIOD = 0.02
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,7 +118,7 @@ class Identification:
         The regression.
     friction : list of JointFriction, length n
     bodies : IdentifiedBodies or None
-        Bodies, rotors and gravity; None for a model without a regressor.
+        Bodies, rotors and gravity, or None without a regressor.
     prediction : Prediction
         Torque of data that were not fitted.
     rate : list of Estimate, length n
@@ -143,9 +148,9 @@ class Identification:
     findings: tuple[Finding, ...] = ()
 
 
-def identify(recordings: Sequence[Recording], model: Model,
-             signal: TorqueSignal = TorqueSignal(), loaded: Sequence[Model] = (),
-             velocities: VelocityNoise | None = None) -> Identification:
+def identify_recordings(recordings: Sequence[Recording], model: Model,
+                        signal: TorqueSignal = TorqueSignal(), loaded: Sequence[Model] = (),
+                        velocities: VelocityNoise | None = None) -> Identification:
     """
     Identify a robot from recordings of its motion.
 
@@ -154,11 +159,11 @@ def identify(recordings: Sequence[Recording], model: Model,
     recordings : sequence of Recording
         Checked, with the same joints and about the same period.
     model : Model
-        What is believed of the robot.
+        Assumed model of the robot.
     signal : TorqueSignal
-        What the user says of the torque.
+        Description of the torque by the user.
     loaded : sequence of Model
-        For each recording the model with its known payload; empty without one.
+        For each recording the model with its known payload, empty without one.
     velocities : VelocityNoise, optional
         Noise of the measured velocities, where it is known, and the recordings may lack them.
 
@@ -170,51 +175,51 @@ def identify(recordings: Sequence[Recording], model: Model,
 
     """
     motion = _ModelledStretches.of(recordings, loaded or [model] * len(recordings), signal.side)
-    joints, name, commanded = recordings[0].joints, recordings[0].name, motion.source == COMMAND
+    joints, is_commanded = recordings[0].joints, motion.source == COMMAND
     regressor = BodyRegressor.of(model)
     windows = motion.windows(regressor)
     data = motion.observe(windows)
     if not data.moving.any():
-        raise CtcError(f'{name}: no joint moves')
-    words = 'commanded torque' if commanded else 'effort'
-    if commanded:
+        raise CtcError(f'{recordings[0].name}: no joint moves')
+    if is_commanded:
         check_order(data, joints)
-    if signal.side == CURRENT and motion.source == EFFORT:
-        conventions = constants_of_currents(
-            data, joints, _rotor_torque(data, regressor), finite_efforts(model))
+    is_current = signal.side == CURRENT and motion.source == EFFORT
+    if is_current:
+        conventions = estimate_current_constants(
+            data, _rotor_torque(data, regressor), finite_efforts(model))
     else:
-        conventions = check_sign(data, joints, words)
+        conventions = check_sign(data, motion.source)
     if regressor is not None:
-        gravity = mounted_gravity(data.scaled(conventions.constant), regressor.gravity)
+        gravity = estimate_gravity(data.scaled(conventions.constant), regressor.gravity)
         if gravity is not regressor.gravity:
             regressor = dataclasses.replace(regressor, gravity=gravity)
             windows = motion.windows(regressor)
             data = motion.observe(windows)
-    units = () if signal.side == CURRENT and motion.source == EFFORT else check_torque(
-        data.scaled(conventions.constant), joints, words)
+    units = () if is_current else check_torque(
+        data.scaled(conventions.constant), motion.source)
 
-    acting = motion.timing(windows)
-    data = motion.observe(windows, acting).scaled(conventions.constant)
+    timing_of_torque = motion.timing(windows)
+    data = motion.observe(windows, timing_of_torque).scaled(conventions.constant)
     prior = BodyPrior.of(regressor, signal.urdf_uncertainty,
-                         rotors_show=commanded or signal.side != LINK)
-    constants = conventions.estimates()
+                         rotors_show=is_commanded or signal.side != LINK)
+    constants = list(conventions.estimates)
     if loaded:
-        data, constants = payload_scale(data, prior)
-    solution, basic, curved = select(data, prior, commanded)
-    prediction = Prediction.of(solution)
+        data, constants = scale_by_payload(data, prior)
+    best, basic, curved = select(data, prior, is_commanded)
+    prediction = Prediction.of(best)
     period = motion.phi.period
-    noise = velocities or velocity_noise(recordings[0], period)
+    noise = velocities or estimate_velocity_noise(recordings[0], period)
     return Identification(
-        joints=joints, clock=clock(recordings[0], period),
-        encoder=[encoder_step(q) for q in recordings[0].q.T], noise=noise.estimates,
-        timing=acting, positions=Positions.of(recordings, period), fit=solution,
-        friction=[joint_friction(solution, joint, lasting, basic, joint in curved)
+        joints=joints, clock=Clock.of(recordings[0], period),
+        encoder=[estimate_encoder_step(q) for q in recordings[0].q.T], noise=noise.estimates,
+        timing=timing_of_torque, positions=Positions.of(recordings, period), fit=best,
+        friction=[joint_friction(best, joint, lasting, basic, joint in curved)
                   for joint, lasting in enumerate(prediction.systematic_rms.tolist())],
-        bodies=None if regressor is None else IdentifiedBodies.of(solution, regressor),
-        prediction=prediction, rate=rate_limits(acting, joints), constant=constants,
+        bodies=None if regressor is None else IdentifiedBodies.of(best, regressor),
+        prediction=prediction, rate=estimate_rate_limits(timing_of_torque), constant=constants,
         duration=motion.duration,
         findings=(*noise.findings, *units, *conventions.findings,
-                  *timing_findings(acting, joints)))
+                  *find_timing_doubts(timing_of_torque)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -224,10 +229,10 @@ class _ModelledStretches:
 
     Attributes
     ----------
-    parts : list of Stretch
+    stretches : list of Stretch
         Without gaps.
     models : list of Model
-        Of each stretch, with its payload.
+        Model of each stretch, with its payload.
     phi : TestFunction
         φ.
     source : str
@@ -235,7 +240,7 @@ class _ModelledStretches:
 
     """
 
-    parts: list[Stretch]
+    stretches: list[Stretch]
     models: list[Model]
     phi: TestFunction
     source: str
@@ -253,54 +258,56 @@ class _ModelledStretches:
 
         """
         period = common_period(recordings)
-        pairs = [(part, model) for recording, model in zip(recordings, models)
-                 for part in stretches(recording, period)
-                 if len(part.q) * period > SHORTEST_STRETCH_S]
-        duration = period * sum(len(part.q) for part, _ in pairs)
+        pairs = [(stretch, model) for recording, model in zip(recordings, models)
+                 for stretch in split_recording(recording, period)
+                 if len(stretch.q) * period > SHORTEST_STRETCH_S]
+        duration = period * sum(len(stretch.q) for stretch, _ in pairs)
         name = recordings[0].name
         if duration < SHORTEST_S:
             raise CtcError(f'{name}: {duration:.2g} s without a gap; at least {SHORTEST_S:g} s '
                            'are needed')
-        source = torque_source([part for part, _ in pairs], side, name)
-        with_torque = [pair for pair in pairs if has(pair[0], source) is not None]
-        return cls([part for part, _ in with_torque], [model for _, model in with_torque],
+        source = choose_source([stretch for stretch, _ in pairs], side, name)
+        with_torque = [pair for pair in pairs if pair[0].torque(source) is not None]
+        return cls([stretch for stretch, _ in with_torque], [model for _, model in with_torque],
                    TestFunction(period, duration), source)
 
     @property
     def duration(self) -> float:
         """Duration of all stretches [s]."""
-        return self.phi.period * sum(len(part.q) for part in self.parts)
+        return self.phi.period * sum(len(stretch.q) for stretch in self.stretches)
 
     def windows(self, regressor: BodyRegressor | None) -> list[Windows]:
-        """Return the windows of each stretch, with gravity as the regressor has it."""
-        windows = [Windows.of(part, model, self.phi, regressor)
-                   for part, model in zip(self.parts, self.models)]
+        """Return the windows of each stretch with the regressor's gravity."""
+        windows = [Windows.of(stretch, model, self.phi, regressor)
+                   for stretch, model in zip(self.stretches, self.models)]
         if regressor is None:
             return windows
         change = regressor.gravity - regressor.parameters[-3:]
-        return [part.with_gravity(change) for part in windows] if change.any() else windows
+        return [rows.with_gravity(change) for rows in windows] if change.any() else windows
 
     def observe(self, windows: list[Windows], acting: Timing | None = None) -> Observations:
-        """Return the windows with their torque, as recorded or as it acts by a timing."""
-        n = self.parts[0].q.shape[1]
+        """Return the windows with their torque, recorded or delayed."""
+        n = self.stretches[0].q.shape[1]
         drive = Drive.ideal(n) if acting is None else acting.acting
-        torque = [known_torque(part, rows.centres, self.source, self.phi, drive)
-                  for part, rows in zip(self.parts, windows)]
-        return Observations.of(joined(windows), np.concatenate(torque))
+        torque = [known_torque(stretch, rows.centres, self.source, self.phi, drive)
+                  for stretch, rows in zip(self.stretches, windows)]
+        return Observations.of(join_windows(windows), np.concatenate(torque))
 
     def timing(self, windows: list[Windows]) -> Timing:
         """Return the timing of the torque, with that of the commands."""
-        used = timing(self.parts, windows, self.source, self.phi)
-        commanded = [k for k, part in enumerate(self.parts) if has(part, COMMAND) is not None]
+        of_torque = identify_timing(self.stretches, windows, self.source, self.phi)
+        commanded = [pair for pair in zip(self.stretches, windows)
+                     if pair[0].torque(COMMAND) is not None]
         if self.source == COMMAND or not commanded:
-            return used
-        commands = timing([self.parts[k] for k in commanded], [windows[k] for k in commanded],
-                          COMMAND, self.phi)
-        return dataclasses.replace(used, delays=commands.delays, commands=commands)
+            return of_torque
+        commands = identify_timing(
+            [stretch for stretch, _ in commanded], [rows for _, rows in commanded], COMMAND,
+            self.phi)
+        return dataclasses.replace(of_torque, delays=commands.delays, commands=commands)
 
 
 def _rotor_torque(data: Observations, regressor: BodyRegressor | None) -> Array:
-    """Return the torque of the rotors that the URDF lacks, shape (J, n) [N·m]."""
+    """Return the torque of assumed rotors, shape (J, n) [N·m]."""
     if regressor is None:
         return np.zeros_like(data.torque)
     accelerations = data.windows.bodies[:, :, regressor.inertial_count:-3]
@@ -308,15 +315,22 @@ def _rotor_torque(data: Observations, regressor: BodyRegressor | None) -> Array:
 
 
 def common_period(recordings: Sequence[Recording]) -> float:
-    """Return the period of recordings; raise `CtcError` if they do not belong together."""
+    """
+    Return the period of recordings.
+
+    Raise `CtcError` if they do not belong together.
+    """
     first, period = recordings[0], recordings[0].period
-    for other in recordings[1:]:
-        if other.joints != first.joints:
-            raise CtcError(f'{other.name}: joints {list(other.joints)}; those of {first.name}: '
-                           f'{list(first.joints)}')
-        if abs(other.period - period) > SAME_PERIOD * period:
-            raise CtcError(f'{other.name}: a period of {other.period:.4g} s; that of '
-                           f'{first.name}: {period:.4g} s')
+    for recording in recordings[1:]:
+        if recording.joints != first.joints:
+            raise CtcError(
+                f'{recording.name} has the joints {list(recording.joints)}, and {first.name} '
+                f'{list(first.joints)}; recordings of one robot have the same joints')
+        # Clocks of one robot differ by less than 2 %.
+        if abs(recording.period - period) > 0.02 * period:
+            raise CtcError(
+                f'{recording.name} has a period of {recording.period:.4g} s, and {first.name} of '
+                f'{period:.4g} s; at most 2 % of difference is allowed')
     nearest = round(period * 1e6) * 1e-6
-    # Rounded only where the grid does not drift from the stamps by that.
-    return nearest if abs(nearest - period) * len(first.t) < ROUNDED_PART * period else period
+    # Rounded only where this moves the last sample by less than a tenth of a period.
+    return nearest if abs(nearest - period) * len(first.t) < 0.1 * period else period

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The judge: the torque of each joint, predicted for time that was not fitted.
+Prediction of torque that was not fitted, which judges an identification.
 
-Four predictions are compared, each of them of blocks of time that were left out: the mean torque,
-the model as it was given, that model with friction, and the model as identified.
+Four predictions are compared: the mean torque, the given model, that model with friction, and the
+identified model. Each is of blocks of time that were left out. `verdict` decides by their errors.
 """
 
 from __future__ import annotations
@@ -28,23 +28,21 @@ from ctc_chattering.identification.selection import friction_columns
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: Distances of windows that have no sample in common, at which lasting torque still correlates.
+#: Distances of windows without a common sample, at which lasting torque still correlates.
 APART = range(4, 13)
-#: Part of the squared torque below which a correlation is rounding.
-ROUNDING = 1e-10
 
 
 @dataclasses.dataclass(frozen=True)
 class Prediction:
     """
-    Torque on data that were not fitted; J windows, n joints.
+    Torque on data that were not fitted, of J windows and n joints.
 
     Attributes
     ----------
     t : ndarray, shape (J,)
         Times of the windows [s].
     measured : ndarray, shape (J, n)
-        Torque of the recording [N·m]; nan where a joint rests, or the torque is not known.
+        Torque of the recording [N·m], nan where a joint rests, or the torque is not known.
     model : ndarray, shape (J, n)
         The model as it was given [N·m].
     with_friction : ndarray, shape (J, n)
@@ -68,10 +66,17 @@ class Prediction:
         """Return the predictions of a fit."""
         data = fit.data
         torque = data.windows.model_torque
-        friction = np.stack([_friction_alone(data, joint)
-                             for joint in range(data.joint_count)], axis=1)
-        return cls(data.windows.t, np.where(data.used, data.torque, np.nan), torque,
-                   torque + friction, torque + fit.held_out, fit.noise.weights)
+        friction = np.stack(
+            [_friction_alone(data, joint) for joint in range(data.joint_count)], axis=1
+        )
+        return cls(
+            data.windows.t,
+            np.where(data.used, data.torque, np.nan),
+            torque,
+            torque + friction,
+            torque + fit.held_out,
+            fit.noise.weights,
+        )
 
     @cached_property
     def recording_rms(self) -> Array:
@@ -80,22 +85,22 @@ class Prediction:
 
     @cached_property
     def model_rms(self) -> Array:
-        """RMS of what the given model does not predict, shape (n,) [N·m]."""
+        """RMS error of the given model, shape (n,) [N·m]."""
         return _rms(self.measured - self.model)
 
     @cached_property
     def with_friction_rms(self) -> Array:
-        """RMS of what the given model with friction does not predict, shape (n,) [N·m]."""
+        """RMS error of the given model with friction, shape (n,) [N·m]."""
         return _rms(self.measured - self.with_friction)
 
     @cached_property
     def identified_rms(self) -> Array:
-        """RMS of what the identified model does not predict, shape (n,) [N·m]."""
+        """RMS error of the identified model, shape (n,) [N·m]."""
         return _rms(self.measured - self.identified)
 
     @cached_property
     def typical_rms(self) -> Array:
-        """RMS of what the identified model leaves but for outliers, shape (n,) [N·m]."""
+        """RMS error of the identified model without outliers, shape (n,) [N·m]."""
         square = np.nan_to_num(np.square(self.measured - self.identified)) * self.weights
         weights = np.where(np.isfinite(self.measured), self.weights, 0.0)
         mean = square.sum(axis=0) / np.maximum(weights.sum(axis=0), 1e-300)
@@ -103,13 +108,14 @@ class Prediction:
 
     @cached_property
     def systematic_rms(self) -> Array:
-        """RMS of the part of that which lasts longer than a window, shape (n,) [N·m]."""
-        return np.array([_lasting(x, w) for x, w in zip(
-            (self.measured - self.identified).T, self.weights.T)])
+        """RMS of the error that lasts beyond a window, (n,) [N·m]."""
+        return np.array(
+            [_lasting(x, w) for x, w in zip((self.measured - self.identified).T, self.weights.T)]
+        )
 
 
 def _friction_alone(data: Observations, joint: int) -> Array:
-    """Return friction that was fitted beside the given model in other blocks, shape (J,)."""
+    """Return friction, fitted to other blocks, shape (J,)."""
     columns, target = friction_columns(data, joint), data.beyond_model[:, joint]
     block, used = blocks_of_time(len(target)), data.used[:, joint]
     predicted = np.zeros(len(target))
@@ -121,10 +127,11 @@ def _friction_alone(data: Observations, joint: int) -> Array:
 
 
 def _mean(values: Array) -> Array:
-    """Return the mean of each column without nan, 0 for a column without a number."""
-    known = np.isfinite(values)
-    return np.asarray(np.where(known, values, 0.0).sum(axis=0)
-                      / np.maximum(known.sum(axis=0), 1))
+    """Return the mean of each column, or 0, without nan."""
+    is_number = np.isfinite(values)
+    return np.asarray(
+        np.where(is_number, values, 0.0).sum(axis=0) / np.maximum(is_number.sum(axis=0), 1)
+    )
 
 
 def _rms(values: Array) -> Array:
@@ -134,12 +141,12 @@ def _rms(values: Array) -> Array:
 
 def _lasting(residual: Array, weights: Array) -> float:
     """
-    Return the RMS of the part of a residual that correlates beyond a window [N·m].
+    Return the RMS of a residual that lasts beyond a window [N·m].
 
     Parameters
     ----------
     residual, weights : ndarray, shape (J,)
-        Of windows; nan is left out.
+        Values of windows. Those that are nan are left out.
 
     """
     weights = np.where(np.isfinite(residual), np.sqrt(weights), 0.0)
@@ -151,4 +158,4 @@ def _lasting(residual: Array, weights: Array) -> float:
         products.append(float(x[k:] @ x[:-k]) / max(pairs[-1], 1e-300))
     # Chance gives a mean product of about the power over the root of the number of pairs.
     mean = float(np.mean(products)) - 2.0 * power / np.sqrt(max(min(pairs), 1.0))
-    return float(np.sqrt(mean)) if mean > ROUNDING * power else 0.0
+    return float(np.sqrt(mean)) if mean > 1e-10 * power else 0.0  # Less is rounding.

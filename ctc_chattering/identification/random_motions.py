@@ -13,12 +13,13 @@
 # limitations under the License.
 
 """
-Motions that excite all joints of a robot, for the identification of friction and model errors.
+Motions that excite all joints, for an identification.
 
-The motion leads from where the robot stands to a few poses, at each of which every joint reverses
-once each way, lingering near velocity 0, and creeps forth and back, since Stribeck friction shows
-only below its velocity: each joint slides already when it slows down to that. Then every joint
-follows a multisine. It begins and ends at rest.
+`excite` draws these at random, and takes the first that keeps all limits. The motion leads from
+where the robot stands to a few poses. At each pose every joint reverses once each way, lingering
+near velocity 0. Then it creeps forth and back, since Stribeck friction shows only below its
+velocity. Each joint slides already when it slows down to that. Last, every joint follows a
+multisine. The motion begins and ends at rest.
 
 Multisines: Swevers, Ganseman, Tükel, De Schutter & Van Brussel, "Optimal robot excitation and
 identification", IEEE Transactions on Robotics and Automation 13 (1997) 730-740.
@@ -28,7 +29,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import dataclasses
-from math import ceil, inf, isfinite, sqrt
+from math import ceil, inf, sqrt
+from typing import NamedTuple
 
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.interpolation import quintic
@@ -40,67 +42,110 @@ from ctc_chattering.trajectory.waypoints import Route
 import numpy as np
 from scipy.interpolate import BPoly, make_interp_spline  # type: ignore[import-untyped]
 
-#: Part of a joint's range that is left free at each end.
-_MARGIN = 0.05
-#: Without a limit: its velocity [rad/s or m/s], and acceleration by the velocity used [1/s].
-_VELOCITY, _ACCELERATION = 2.0, 4.0
-#: Amplitude of the slow reversals as a part of the room beside the centre.
-_SLOW = 0.24
-#: Velocities at which a joint creeps at one pose after the other [rad/s or m/s], at most this part
-#: of that before; the way to it as a part of that amplitude; and the time in which it stops [s].
-_CREEP, _CREEP_PART, _CREEP_WAY, _STOP = (0.02, 0.01, 0.005), 0.2, 0.5, 0.3
-#: What a scaled motion keeps of its limits, so that rounding does not exceed them.
-_SCALE = 0.99
-#: Greatest distance of a pose from the centre as a part of the room; the reversals take the rest.
-_POSES = 0.6
-#: Part of the time at the poses, and of that while joints creep one way; least time of creeping
-#: and of the multisine; of the way to the first pose and of those after it, and the rest at the
-#: end [s].
-_SLOW_PART, _CREEP_TIME, _CREEP_LEAST, _SINES_LEAST = 0.6, 0.2, 0.3, 10.0
-_FIRST_LEAST, _WAY_LEAST, _REST = 2.0, 1.0, 0.5
-#: Greatest frequency of the multisine [Hz], and the steps in which it is given and evaluated, and
-#: the time in which it begins and ends [s].
-_FREQUENCY, _STEP, _FINE, _RISE = 0.5, 0.15, 0.03, 2.0
-#: Greatest velocity and acceleration of the quintic from 0 to 1 in 1 s, at rest at its ends.
-_QUINTIC_VELOCITY, _QUINTIC_ACCELERATION = 1.875, 10.0 / sqrt(3.0)
+
+@dataclasses.dataclass(frozen=True)
+class MotionShape:
+    """
+    Shape of the motion.
+
+    The room of a joint is its greatest distance from the centre.
+    """
+
+    #: Part of a joint's range that stays free at each end.
+    free_range: float = 0.05
+    #: Velocity of a joint without a limit [rad/s or m/s].
+    usual_velocity: float = 2.0
+    #: Acceleration of a joint without a limit, over its velocity [1/s].
+    usual_acceleration: float = 4.0
+    #: Part of its limits that a scaled motion keeps, so that rounding does not exceed them.
+    kept_part: float = 0.99
+    #: Greatest distance of a pose from the centre as a part of the room. The reversals need more.
+    pose_distance: float = 0.6
+    #: Amplitude of the slow reversals as a part of the room.
+    reversal_amplitude: float = 0.24
+    #: Velocities of creeping at one pose after the other [rad/s or m/s].
+    creeping_velocities: tuple[float, ...] = (0.02, 0.01, 0.005)
+    #: Velocity of creeping over the velocity before, at most.
+    creeping_ratio: float = 0.2
+    #: Way before creeping, as a part of the amplitude of the reversals.
+    creeping_way: float = 0.5
+    #: Part of the time at a pose for creeping one way.
+    creeping_part: float = 0.2
+    min_creeping_s: float = 0.3
+    #: Time of a stop after creeping.
+    stop_s: float = 0.3
+    #: Part of the time that is left beside ways, for the poses.
+    poses_part: float = 0.6
+    min_first_way_s: float = 2.0
+    min_way_s: float = 1.0
+    #: Rest at the end.
+    rest_s: float = 0.5
+    min_multisine_s: float = 10.0
+    #: Time in which the multisine begins and ends.
+    rise_s: float = 2.0
+    max_frequency_hz: float = 0.5
+    #: Steps of the waypoints of the multisine, and of the search for its largest values.
+    waypoint_s: float = 0.15
+    fine_s: float = 0.03
+
+
+SHAPE = MotionShape()
+#: Greatest velocity of the quintic from 0 to 1 in 1 s, at rest at its ends [1/s].
+QUINTIC_VELOCITY = 1.875
+#: Greatest acceleration of that quintic [1/s²].
+QUINTIC_ACCELERATION = 10.0 / sqrt(3.0)
 
 
 @dataclasses.dataclass(frozen=True)
 class ExcitationConfig(Config):
-    """What is asked of the motion."""
+    """Request for a motion."""
 
     joint_names: Strings = parameter(('joint1', 'joint2'), 'Joints of the motion.')
     duration: float = parameter(
-        60.0, 'Time from the start of the motion to its end.', 's', minimum=LEAST, maximum=600.0)
-    start: PerJoint = parameter(
-        0.0, 'Position from which the robot comes.', 'rad', minimum=-inf)
+        60.0, 'Time from the start of the motion to its end.', 's', minimum=LEAST, maximum=600.0
+    )
+    start: PerJoint = parameter(0.0, 'Position from which the robot comes.', 'rad', minimum=-inf)
     center: PerJoint = parameter(
-        0.0, "Position about which the joints move. Default: the reference's centre.", 'rad',
-        minimum=-inf)
+        0.0,
+        "Position about which the joints move. Default: the reference's centre.",
+        'rad',
+        minimum=-inf,
+    )
     friction: PerJoint = parameter(
-        0.0, "Expected Coulomb friction. Default: the plant's friction.", 'N*m')
+        0.0, "Expected Coulomb friction. Default: the plant's friction.", 'N*m'
+    )
     position_range: PerJoint = parameter(
-        0.8, 'Greatest distance from the centre.', 'rad', minimum=LEAST)
+        0.8, 'Greatest distance from the centre.', 'rad', minimum=LEAST
+    )
     velocity_scale: float = parameter(
-        0.5, 'Fraction of the limits of velocity and acceleration in the description to use. '
-        f'A missing limit counts as {_VELOCITY:g} rad/s.',
-        minimum=LEAST, maximum=1.0)
+        0.5,
+        'Fraction of the limits of velocity and acceleration in the description to use. '
+        f'A missing limit counts as {SHAPE.usual_velocity:g} rad/s.',
+        minimum=LEAST,
+        maximum=1.0,
+    )
     poses: int = parameter(3, 'Number of poses with slow reversals.', minimum=1, maximum=100)
     clearance: float = parameter(
-        0.02, 'Distance that links keep from each other.', 'm', minimum=0.001, maximum=1.0)
+        0.02, 'Distance that links keep from each other.', 'm', minimum=0.001, maximum=1.0
+    )
     floor: float = parameter(
-        inf, 'Height of a floor in the frame of the root link. Default: no floor.', 'm',
-        minimum=-inf)
+        inf,
+        'Height of a floor in the frame of the root link. Default: no floor.',
+        'm',
+        minimum=-inf,
+    )
     evaluations: int = parameter(
-        20, 'Largest number of random motions to try. The first one within all limits is used.',
-        minimum=1)
+        20,
+        'Largest number of random motions to try. The first one within all limits is used.',
+        minimum=1,
+    )
     seed: int = parameter(0, 'Seed of the random motions.')
 
 
 @dataclasses.dataclass(frozen=True)
 class Bounds:
     """
-    What the motion keeps, each of shape (n,).
+    Bounds of a motion, each of shape (n,).
 
     Attributes
     ----------
@@ -119,25 +164,30 @@ class Bounds:
     @property
     def slow(self) -> Array:
         """Amplitude of the slow reversals, shape (n,) [rad]."""
-        return _SLOW * self.room
+        return SHAPE.reversal_amplitude * self.room
 
     def time(self, distance: Array) -> float:
-        """Return the time that a quintic over a distance, shape (n,) [rad], takes [s]."""
-        d = np.abs(distance) / _SCALE
-        return float(max(_WAY_LEAST, (_QUINTIC_VELOCITY * d / self.velocity).max(),
-                         np.sqrt(_QUINTIC_ACCELERATION * d / self.acceleration).max()))
+        """Return the duration [s] of a quintic over (n,) distances [rad]."""
+        d = np.abs(distance) / SHAPE.kept_part
+        return float(
+            max(
+                SHAPE.min_way_s,
+                (QUINTIC_VELOCITY * d / self.velocity).max(),
+                np.sqrt(QUINTIC_ACCELERATION * d / self.acceleration).max(),
+            )
+        )
 
 
 def bounds_of(config: ExcitationConfig, limits: Sequence[JointLimits]) -> Bounds:
     """
-    Return what a motion must keep.
+    Return the bounds of a motion.
 
     Parameters
     ----------
     config : ExcitationConfig
-        What is asked for.
+        The request.
     limits : sequence of JointLimits, length n
-        Of the description, in the order of its joints.
+        Limits of the description, in the order of its joints.
 
     Raises
     ------
@@ -145,21 +195,32 @@ def bounds_of(config: ExcitationConfig, limits: Sequence[JointLimits]) -> Bounds
         If the centre is not within the limits.
 
     """
-    room, velocity, acceleration = [], [], []
-    for i, joint in enumerate(limits):
-        low, high = joint.position
-        margin = _MARGIN * (high - low) if isfinite(high - low) else 0.0
-        low, high, center = low + margin, high - margin, config.center[i]
-        if not low < center < high:
-            raise ParameterError(
-                f'center of {joint.name}', center,
-                f'more than {low:.4g} and less than {high:.4g} {joint.unit}, its limits less '
-                f'{_MARGIN:.0%} of the range at each end')
-        room.append(min(config.position_range[i], center - low, high - center))
-        scale, fastest, strongest = config.velocity_scale, joint.velocity[1], joint.acceleration[1]
-        velocity.append(scale * (fastest if fastest < inf else _VELOCITY))
-        acceleration.append(scale * strongest if strongest < inf else _ACCELERATION * velocity[-1])
-    return Bounds(np.array(config.center), *map(np.array, (room, velocity, acceleration)))
+    low, high = np.array([joint.position for joint in limits], float).T
+    margin = np.where(np.isfinite(high - low), SHAPE.free_range * (high - low), 0.0)
+    low, high, center = low + margin, high - margin, np.array(config.center)
+    for i in np.flatnonzero((center <= low) | (center >= high)).tolist():
+        raise ParameterError(
+            f'center of {limits[i].name}',
+            config.center[i],
+            f'more than {low[i]:.4g} and less than {high[i]:.4g} {limits[i].unit}, its limits '
+            f'less {SHAPE.free_range:.0%} of the range at each end',
+        )
+    fastest = np.array([joint.velocity[1] for joint in limits])
+    strongest = np.array([joint.acceleration[1] for joint in limits])
+    velocity = config.velocity_scale * np.where(fastest < inf, fastest, SHAPE.usual_velocity)
+    acceleration = np.where(
+        strongest < inf, config.velocity_scale * strongest, SHAPE.usual_acceleration * velocity
+    )
+    room = np.minimum(config.position_range, np.minimum(center - low, high - center))
+    return Bounds(center, room, velocity, acceleration)
+
+
+class SlowSpan(NamedTuple):
+    """Times at a pose: begin of reversals and creeping, and end [s]."""
+
+    reverse: float
+    creep: float
+    end: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -172,65 +233,76 @@ class Excitation:
     names : tuple of str, length n
         Joints.
     times : ndarray, shape (W,)
-        Of the waypoints, the first of which is where it begins [s].
+        Times of the waypoints, the first of which is where it begins [s].
     points : ndarray, shape (W, 3, n)
         Position, velocity and acceleration at each [rad, rad/s, rad/s²].
-    slow : tuple of (float, float, float)
-        Time at which joints begin to reverse, and to creep, and end it, at each pose [s].
+    slow : tuple of SlowSpan
+        Times at each pose.
 
     """
 
     names: tuple[str, ...]
     times: Array
     points: Array
-    slow: tuple[tuple[float, float, float], ...]
+    slow: tuple[SlowSpan, ...]
 
     @property
     def route(self) -> Route:
         """Return the waypoints, without the start."""
-        return Route(self.names, [round(t * NANOSECONDS) for t in self.times[1:].tolist()],
-                     [tuple(x) for x in self.points[1:].tolist()])
+        return Route(
+            self.names,
+            [round(t * NANOSECONDS) for t in self.times[1:].tolist()],
+            [tuple(x) for x in self.points[1:].tolist()],
+        )
 
     def at(self, t: Array) -> Array:
-        """Return position, velocity and acceleration, (3, N, n), at the times `t`, (N,) [s]."""
+        """Return position, velocity and acceleration at times t [s], shape (3, N, n)."""
         path = BPoly.from_derivatives(self.times, self.points)
         return np.array([path(np.minimum(t, self.times[-1]), order) for order in range(3)])
 
 
-def multisine(duration: float, n: int, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+class Multisine(NamedTuple):
     """
-    Return a random multisine of n joints, at rest at both ends, of any size.
+    Random multisine of n joints, at rest at both ends.
 
-    It is a spline of fifth order, which the quintics between its waypoints meet.
-
-    Returns
-    -------
+    Attributes
+    ----------
     times : ndarray, shape (W,)
-        Of the waypoints [s].
+        Times of the waypoints [s].
     points : ndarray, shape (W, 3, n)
         Position, velocity and acceleration at each.
     largest : ndarray, shape (3, n)
         Their largest magnitudes.
 
     """
-    t = np.linspace(0.0, duration, ceil(duration / _STEP) + 1)
-    k = np.arange(1, max(3, int(_FREQUENCY * duration)) + 1)[:, None]
-    phase, size = rng.uniform(0.0, 2.0 * np.pi, (2, *k.shape[:1], n))
-    waves = np.sin(2.0 * np.pi / duration * t[:, None, None] * k + phase)
-    rise = quintic(np.clip(np.minimum(t, duration - t) / _RISE, 0.0, 1.0), 1.0,
-                   0.0, 0.0, 0.0, 1.0, 0.0, 0.0)[0]
-    rest = [(1, np.zeros(n)), (2, np.zeros(n))]
-    path = make_interp_spline(t, rise[:, None] * (size / k * waves).sum(axis=1), 5,
-                              bc_type=(rest, rest))
-    fine = np.linspace(0.0, duration, ceil(duration / _FINE) + 1)
-    points, rows = (np.array([path(x, order) for order in range(3)]) for x in (t, fine))
-    return t, points.transpose(1, 0, 2), np.abs(rows).max(axis=1)
+
+    times: Array
+    points: Array
+    largest: Array
+
+    @classmethod
+    def draw(cls, duration: float, n: int, rng: np.random.Generator) -> Multisine:
+        """Return a fifth-order spline, as quintics between waypoints."""
+        t = np.linspace(0.0, duration, ceil(duration / SHAPE.waypoint_s) + 1)
+        k = np.arange(1, max(3, int(SHAPE.max_frequency_hz * duration)) + 1)[:, None]
+        phase, size = rng.uniform(0.0, 2.0 * np.pi, (2, *k.shape[:1], n))
+        waves = np.sin(2.0 * np.pi / duration * t[:, None, None] * k + phase)
+        progress = np.clip(np.minimum(t, duration - t) / SHAPE.rise_s, 0.0, 1.0)
+        rise = quintic(progress, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)[0]
+        at_rest = [(1, np.zeros(n)), (2, np.zeros(n))]
+        path = make_interp_spline(
+            t, rise[:, None] * (size / k * waves).sum(axis=1), 5, bc_type=(at_rest, at_rest)
+        )
+        fine = np.linspace(0.0, duration, ceil(duration / SHAPE.fine_s) + 1)
+        points, rows = (np.array([path(x, order) for order in range(3)]) for x in (t, fine))
+        return cls(t, points.transpose(1, 0, 2), np.abs(rows).max(axis=1))
 
 
-def random_motion(config: ExcitationConfig, bounds: Bounds, share: Array, size: float, seed: int
-                  ) -> Excitation:
+def random_motion(
+    config: ExcitationConfig, bounds: Bounds, share: Array, size: float, seed: int
+) -> Excitation:
     """
-    Return a motion of random poses, directions and sines, these as large as the bounds allow.
+    Return a motion of random poses, directions and sines.
 
     Parameters
     ----------
@@ -239,12 +311,11 @@ def random_motion(config: ExcitationConfig, bounds: Bounds, share: Array, size: 
     bounds : Bounds
         What it keeps.
     share : ndarray, shape (n,)
-        Part of the room that each joint takes; one with less than all of it does not reverse
-        slowly.
+        Part of the room for each joint. A joint with less than all of it does not reverse slowly.
     size : float
-        Poses and sines are made so many times as large.
+        Factor of poses and sines.
     seed : int
-        Of what is random; `config` has another one.
+        Seed of this motion, beside that of `config`.
 
     Raises
     ------
@@ -252,8 +323,8 @@ def random_motion(config: ExcitationConfig, bounds: Bounds, share: Array, size: 
         If the duration is too short.
 
     """
-    rng, center = np.random.default_rng((config.seed, seed)), bounds.center
-    (first, between, last), slow, left = _times(config, bounds)
+    rng, center, n = np.random.default_rng((config.seed, seed)), bounds.center, len(share)
+    schedule = _Schedule.of(config, bounds)
     start = np.array(config.start)
     times, points = [0.0], [np.array([start, 0.0 * start, 0.0 * start])]
     spans = []
@@ -263,52 +334,89 @@ def random_motion(config: ExcitationConfig, bounds: Bounds, share: Array, size: 
         times.append(times[-1] + duration)
         points.append(np.array([q, dq + 0.0 * q, 0.0 * q]))
 
-    strata = rng.permuted(np.tile(np.arange(config.poses), (len(start), 1)), axis=1).T
+    strata = rng.permuted(np.tile(np.arange(config.poses), (n, 1)), axis=1).T
     offsets = 2.0 * (strata + rng.uniform(0.2, 0.8, strata.shape)) / config.poses - 1.0
     turns = rng.choice((-1.0, 1.0), offsets.shape) * bounds.slow * (share == 1.0)
-    there = bounds.time(_CREEP_WAY * bounds.slow)
-    creeping = _CREEP_TIME * slow - there - _STOP
+    way_s = bounds.time(SHAPE.creeping_way * bounds.slow)
+    creeping_s = SHAPE.creeping_part * schedule.pose_s - way_s - SHAPE.stop_s
+    quarter = 0.25 * (1.0 - 2.0 * SHAPE.creeping_part) * schedule.pose_s
     for k, (offset, turn) in enumerate(zip(offsets, turns)):
-        pose = center + size * _POSES * bounds.room * share * offset
-        go(between if k else first, pose)
-        begin, quarter = times[-1], 0.25 * (1.0 - 2.0 * _CREEP_TIME) * slow
+        pose = center + size * SHAPE.pose_distance * bounds.room * share * offset
+        go(schedule.between_s if k else schedule.first_s, pose)
+        reverse = times[-1]
         go(quarter, pose + turn)
         go(2.0 * quarter, pose - turn)
         go(quarter, pose)
-        middle, way = times[-1], _CREEP_WAY * turn
-        speed = np.sign(turn) * np.minimum(_CREEP[k % len(_CREEP)],
-                                           _CREEP_PART * np.abs(way) / there)
+        creep = times[-1]
+        run_up = SHAPE.creeping_way * turn
+        slowest = SHAPE.creeping_velocities[k % len(SHAPE.creeping_velocities)]
+        speed = np.sign(turn) * np.minimum(slowest, SHAPE.creeping_ratio * np.abs(run_up) / way_s)
         for sign in (1.0, -1.0):
-            place = points[-1][0]
-            go(there, place + sign * way, sign * speed)
-            go(creeping, place + sign * (way + speed * creeping), sign * speed)
-            go(_STOP, place + sign * (way + speed * (creeping + 0.5 * _STOP)))
-        spans.append((begin, middle, times[-1]))
-    go(last, center)
-    t, rows, largest = multisine(left, len(start), rng)
-    room = np.array([bounds.room, bounds.velocity, bounds.acceleration])
-    rows = rows * size * share * _SCALE * (room / np.maximum(largest, 1e-300)).min(axis=0)
+            q = points[-1][0]
+            go(way_s, q + sign * run_up, sign * speed)
+            go(creeping_s, q + sign * (run_up + speed * creeping_s), sign * speed)
+            go(SHAPE.stop_s, q + sign * (run_up + speed * (creeping_s + 0.5 * SHAPE.stop_s)))
+        spans.append(SlowSpan(reverse, creep, times[-1]))
+    go(schedule.last_s, center)
+    sines = Multisine.draw(schedule.multisine_s, n, rng)
+    limits = np.array([bounds.room, bounds.velocity, bounds.acceleration])
+    scale = (limits / np.maximum(sines.largest, 1e-300)).min(axis=0)
+    rows = sines.points * size * share * SHAPE.kept_part * scale
     rows[-1] = 0.0  # Without rounding.
     begin = times[-1]
-    times += (begin + t[1:]).tolist()
+    times += (begin + sines.times[1:]).tolist()
     points += [row + np.array([center, 0.0 * center, 0.0 * center]) for row in rows[1:]]
     go(config.duration - times[-1], center)
     return Excitation(config.joint_names, np.array(times), np.array(points), tuple(spans))
 
 
-def _times(config: ExcitationConfig, bounds: Bounds
-           ) -> tuple[tuple[float, float, float], float, float]:
-    """Return the times to, between and from the poses, at each of them, and of the sines [s]."""
-    reach = _POSES * bounds.room
-    first, between, last = (bounds.time(distance) for distance in (
-        np.abs(np.array(config.start) - bounds.center) + reach, 2.0 * reach, reach))
-    count, first = config.poses, max(first, _FIRST_LEAST)
-    fixed = first + (count - 1) * between + last + _REST
-    left = config.duration - fixed
-    slow = max(4.0 * bounds.time(bounds.slow) / (1.0 - 2.0 * _CREEP_TIME),
-               (bounds.time(_CREEP_WAY * bounds.slow) + _CREEP_LEAST + _STOP) / _CREEP_TIME)
-    least = max(count * slow / _SLOW_PART, _SINES_LEAST / (1.0 - _SLOW_PART))
-    if left < least:
-        raise ParameterError('duration', config.duration, f'at least {ceil(fixed + least)} s, for '
-                             f'{count} poses within these limits')
-    return (first, between, last), _SLOW_PART * left / count, (1.0 - _SLOW_PART) * left
+class _Schedule(NamedTuple):
+    """
+    Durations of ways, of poses, and of the sines [s].
+
+    Ways lead to, between and from the poses.
+    """
+
+    first_s: float
+    between_s: float
+    last_s: float
+    pose_s: float
+    multisine_s: float
+
+    @classmethod
+    def of(cls, config: ExcitationConfig, bounds: Bounds) -> _Schedule:
+        """
+        Return the times of a motion.
+
+        Raise `ParameterError` if its duration is too short.
+        """
+        reach = SHAPE.pose_distance * bounds.room
+        first_way = np.abs(np.array(config.start) - bounds.center) + reach
+        first = max(bounds.time(first_way), SHAPE.min_first_way_s)
+        between, last = bounds.time(2.0 * reach), bounds.time(reach)
+        fixed = first + (config.poses - 1) * between + last + SHAPE.rest_s
+        available = config.duration - fixed
+        creeping_s = (
+            bounds.time(SHAPE.creeping_way * bounds.slow) + SHAPE.min_creeping_s + SHAPE.stop_s
+        )
+        pose = max(
+            4.0 * bounds.time(bounds.slow) / (1.0 - 2.0 * SHAPE.creeping_part),
+            creeping_s / SHAPE.creeping_part,
+        )
+        needed = max(
+            config.poses * pose / SHAPE.poses_part,
+            SHAPE.min_multisine_s / (1.0 - SHAPE.poses_part),
+        )
+        if available < needed:
+            raise ParameterError(
+                'duration',
+                config.duration,
+                f'at least {ceil(fixed + needed)} s, for {config.poses} poses within these limits',
+            )
+        return cls(
+            first,
+            between,
+            last,
+            SHAPE.poses_part * available / config.poses,
+            (1.0 - SHAPE.poses_part) * available,
+        )

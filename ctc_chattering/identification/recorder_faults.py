@@ -28,9 +28,12 @@ from collections.abc import Iterator
 import dataclasses
 from typing import NamedTuple
 
-from ctc_chattering.errors import CtcError
-from ctc_chattering.identification.findings import ALL_JOINTS, Finding, note, Reason, Severity
-from ctc_chattering.identification.recording import Recording
+from ctc_chattering.identification.findings import Finding, Reason, Severity
+from ctc_chattering.identification.recording import (
+    Recording,
+    RecordingError,
+    RecordingFault,
+)
 from ctc_chattering.numerics.angles import TURN
 from ctc_chattering.numerics.linear_algebra import Flags
 import numpy as np
@@ -128,12 +131,11 @@ def _count_turns(recording: Recording) -> RepairedStates:
     q = recording.q.copy()
     q[1:] -= TURN * np.cumsum(turns, axis=0)
     findings = []
-    for name, column in zip(recording.joints, turns.T):
+    for joint, column in enumerate(turns.T):
         count = np.count_nonzero(column)
         if count:
-            findings.append(note(
-                f'{recording.name}: the position of {name} jumps by a turn {count} times; its '
-                'turns are counted'))
+            findings.append(Finding(Reason.TURNS_COUNTED, Severity.NOTE, joint, {
+                'recording': recording.name, 'count': count}))
     return RepairedStates(dataclasses.replace(recording, q=q), tuple(findings))
 
 
@@ -155,9 +157,10 @@ def _check_source(recording: Recording) -> None:
         return
     largest = np.where(is_jump, jump, 0.0).max(axis=0)
     joint = int(np.argmax(largest))
-    raise CtcError(
+    raise RecordingError(
+        RecordingFault.SOURCES,
         f'{recording.name}: {count} of {len(q)} states jump and come back, those of '
-        f'{recording.joints[joint]} by {largest[joint]:.3g} rad. A second source, as a '
+        f'{recording.joints[joint]} by {largest[joint]:.3g} rad. A second source, such as a '
         'joint_state_publisher, publishes joint states beside the robot. '
         "Stop it, or record the robot's own topic, and give --states")
 
@@ -168,9 +171,9 @@ def _remove_repetitions(recording: Recording) -> RepairedStates:
     mean_count = _mean_repetitions(repeats)
     if mean_count == 1.0:
         return RepairedStates(recording)
-    finding = note(
-        f'{recording.name}: each state is recorded about {mean_count:.3g} times; '
-        f'{int(repeats.sum())} of {len(repeats)} that repeat the one before are left out')
+    finding = Finding(Reason.REPETITIONS, Severity.NOTE, values={
+        'recording': recording.name, 'mean': mean_count, 'count': int(repeats.sum()),
+        'states': len(repeats)})
     return RepairedStates(recording.select(np.flatnonzero(~repeats)), (finding,))
 
 
@@ -212,11 +215,8 @@ def _find_dropped(recording: Recording) -> Iterator[Finding]:
     recorded = 2 * len(recording.t)  # States and commands.
     fraction = recording.dropped / (recording.dropped + recorded)
     severity = Severity.CARE if fraction > LIMITS.max_dropped_fraction else Severity.NOTE
-    yield Finding(
-        Reason.DROPPED, severity, ALL_JOINTS,
-        f'The recorder of {recording.name} dropped {recording.dropped} messages with states or '
-        'torques. Windows without them are left out',
-        'Record again with less load on the computer')
+    yield Finding(Reason.DROPPED, severity, values={
+        'recording': recording.name, 'count': recording.dropped})
 
 
 def _find_jitter(recording: Recording) -> Iterator[Finding]:
@@ -226,7 +226,5 @@ def _find_jitter(recording: Recording) -> Iterator[Finding]:
     regular = step[np.abs(step - period) < period]
     jitter = float(regular.std()) / np.sqrt(2.0)
     if jitter > LIMITS.max_jitter_periods * period:
-        yield Finding(
-            Reason.STAMPS, Severity.CARE, ALL_JOINTS, f'The stamps of {recording.name} jitter by '
-            f'{1e3 * jitter:.2g} ms at a period of {1e3 * period:.3g} ms: they are those of '
-            'reception', 'Record the stamps that the driver gives the states')
+        yield Finding(Reason.STAMPS, Severity.CARE, values={
+            'recording': recording.name, 'jitter_ms': 1e3 * jitter, 'period_ms': 1e3 * period})

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import dataclasses
+from enum import Enum
 from pathlib import Path
 
 from ctc_chattering.bags.state_order import order_states
@@ -38,10 +39,51 @@ MIN_STATES = 200
 KEPT_VELOCITY_ROWS = 200_000
 
 
+class RecordingFault(Enum):
+    """Fault for which a recording is refused."""
+
+    #: A topic or a column is missing, of another type, or one of several.
+    TOPIC = 'topic'
+    #: Joints are missing, given twice, or not those of the commands.
+    JOINTS = 'joints'
+    #: Positions are not finite, or there are too few states.
+    STATES = 'states'
+    #: No torque is known, or the commands are no torques.
+    TORQUE = 'torque'
+    #: Several sources publish states or commands.
+    SOURCES = 'sources'
+    #: Stamps run to and fro.
+    CLOCK = 'clock'
+    #: The torque is in another unit.
+    UNIT = 'unit'
+    #: The torque has the other sign.
+    SIGN = 'sign'
+    #: The torques have another order of joints.
+    ORDER = 'order'
+
+
+class RecordingError(CtcError):
+    """
+    A recording that is refused.
+
+    Parameters
+    ----------
+    fault : RecordingFault
+        Its fault.
+    text : str
+        The line for a user.
+
+    """
+
+    def __init__(self, fault: RecordingFault, text: str) -> None:
+        super().__init__(text)
+        self.fault = fault
+
+
 @dataclasses.dataclass(frozen=True)
 class Recording:
     """
-    Recorded motion of a robot; N samples, n joints.
+    Recorded motion of a robot of n joints, N samples.
 
     Attributes
     ----------
@@ -121,7 +163,8 @@ class Recording:
         if is_bad.any():
             row, joint = np.argwhere(is_bad)[0]
             count = int(is_bad.any(axis=1).sum())
-            raise CtcError(
+            raise RecordingError(
+                RecordingFault.STATES,
                 f'{self.name}: {count} of {len(self.t)} states have a position that is not '
                 f'finite, the first of {self.joints[joint]} at {self.t[row]:.3f} s')
         rows: Indices = np.unique(self.t, return_index=True)[1]
@@ -131,14 +174,19 @@ class Recording:
                 contents.append(self.dq)
             rows = order_states(self.name, self.t, *contents)
         if len(rows) < MIN_STATES:
-            raise CtcError(f'{self.name}: {len(rows)} states; at least {MIN_STATES} are needed')
+            raise RecordingError(
+                RecordingFault.STATES,
+                f'{self.name}: {len(rows)} states are too few. At least {MIN_STATES} are needed')
         complete = dataclasses.replace(
             self,
             dq=_if_finite(self.dq),
             effort=_if_finite(self.effort),
             command=_if_finite(self.command))
         if complete.effort is None and complete.command is None:
-            raise CtcError(f'{self.name}: no torque: neither effort in the states nor commands')
+            raise RecordingError(
+                RecordingFault.TORQUE,
+                f'{self.name}: there is no torque, neither as effort in the states nor as '
+                'commands. Record one of them')
         return complete.select(rows)
 
     @property
@@ -160,7 +208,7 @@ class RecordedMotion:
     recording : Recording
         Checked.
     description : str
-        Text of the URDF; empty for none.
+        Text of the URDF, empty for none.
     controller : ControllerConfig or None
         Configuration at the first sample, in bags of this package.
     notes : sequence of str
@@ -195,8 +243,10 @@ def find_joints(path: Path, description: str, recorded: tuple[str, ...]) -> tupl
         described = f'the joints {shorten(movable)}' if movable else (
             'no joint that moves by itself: fixed joints, joints that mimic others, and their '
             'leaders are left out')
-        raise CtcError(f'{path}: the description has {described}; the states have '
-                       f'{shorten(recorded)}')
+        raise RecordingError(
+            RecordingFault.JOINTS,
+            f'{path}: the description has {described}; the states have '
+            f'{shorten(recorded)}')
     return joints
 
 
@@ -208,7 +258,7 @@ def take_rows(values: Array, rows: Indices) -> Array:
 
 
 def take_rows_if_any(values: Array | None, rows: Indices) -> Array | None:
-    """Return some rows of values; None without values."""
+    """Return some rows of values, or None without values."""
     return None if values is None else take_rows(values, rows)
 
 

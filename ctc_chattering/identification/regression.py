@@ -12,23 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Bayesian linear regression of the torque of all joints, judged on time that was not fitted.
+Bayesian linear regression of all torques, judged on held-out time.
 
 The torque of joint j in a window is linear in the unknowns x, which have deviation 1 before any
 data (`prior.py`):
 
     tau_j = model_j + X_j x + r_j,    r_j of variance σ_j² and correlation length L_j,    (BR1)
 
-so x is where (x - x₀)ᵀ (x - x₀) + Σ_j |r_j|² / σ_j² is least, windows weighted by W_j, and with
+so x minimizes (x - x₀)ᵀ (x - x₀) + Σ_j |r_j|² / σ_j² with windows weighted by W_j. With
 H = I + Σ_j X_jᵀ W_j X_j / σ_j² its covariance is
 
     H⁻¹ (I + Σ_j L_j X_jᵀ W_j X_j / σ_j²) H⁻¹.                                            (BR2)
 
-σ_j and L_j are those of the torque that is *not* predicted in blocks of time that were left out:
-what a flexible model explains only of the data it was fitted to counts as noise. L_j widens the
+σ_j and L_j are those of the torque that is *not* predicted in blocks of time that were left out.
+So a part that a flexible model explains only of its own data counts as noise. L_j widens the
 intervals, and is no weight: a joint that is predicted badly would be left to itself. Windows that
 a joint rests in have its static friction as further variance. Windows far beyond the others, as
-of a contact, lose weight.
+of a contact, lose weight. `selection` fits the terms of friction with this module.
 """
 
 from __future__ import annotations
@@ -50,29 +50,22 @@ from scipy.special import stdtrit  # type: ignore[import-untyped]
 BLOCKS = 10
 #: Rounds in which noise and weights follow from what is not predicted.
 ROUNDS = 10
-#: Share of a window from which on a joint rests in it.
-MOST_RESTING = 0.5
+#: A joint rests in a window from this share of its time on.
+RESTING_SHARE = 0.5
 #: Fewest windows of a joint in motion that are fitted.
 FEWEST_WINDOWS = 20
 #: Deviations at which a window has half its weight.
 OUTLIER_DEVIATIONS = 10.0
-#: Noise to begin with, as a part of the torque beyond the model. From a small one the data decide
-#: on the unknowns first; from a large one these might stay as expected, and noise remain large.
-FIRST_NOISE = 0.01
-#: Noise below which a torque is not trusted, as a part of its deviation.
-LEAST_NOISE = 1e-4
-#: Draws of blocks for intervals.
-DRAWS = 100
+#: Smallest noise of a torque, as a part of its deviation.
+MIN_NOISE = 1e-4
 #: Probability of an interval.
 CONFIDENCE = 0.95
-#: Standard deviation of a normal variable over its median magnitude.
-MEDIAN_TO_DEVIATION = 1.4826
 
 
 @dataclasses.dataclass(frozen=True)
 class Observations:
     """
-    Windows with their torques; J windows, n joints.
+    J windows with the torques of n joints.
 
     Attributes
     ----------
@@ -81,7 +74,7 @@ class Observations:
     torque : ndarray, shape (J, n)
         Measured or commanded torque, 0 where it is not known [N·m].
     used : ndarray of bool, shape (J, n)
-        Windows with a known torque in which the joint moves; none of a joint that has few.
+        Windows with a known torque in which the joint moves. A joint with few has none.
     drive_sign : ndarray, shape (J, n)
         Sign of the torque of each drive as it is predicted, for dead bands.
 
@@ -95,13 +88,13 @@ class Observations:
     @classmethod
     def of(cls, windows: Windows, torque: Array) -> Observations:
         """Return windows with their torques, nan where unknown."""
-        known = np.isfinite(torque)
-        used = known & (windows.resting < MOST_RESTING)
+        is_known = np.isfinite(torque)
+        used = is_known & (windows.resting < RESTING_SHARE)
         used &= used.sum(axis=0) >= FEWEST_WINDOWS
-        return cls(windows, np.where(known, torque, 0.0), used, mean_sign(windows.model_torque))
+        return cls(windows, np.where(is_known, torque, 0.0), used, mean_sign(windows.model_torque))
 
     def scaled(self, constant: Array) -> Observations:
-        """Return it with the torque of each joint times a constant, shape (n,)."""
+        """Return it with torques times constants, shape (n,)."""
         return dataclasses.replace(self, torque=self.torque * constant)
 
     @property
@@ -111,19 +104,21 @@ class Observations:
 
     @cached_property
     def beyond_model(self) -> Array:
-        """Torque less that of the model without friction, shape (J, n) [N·m]; 0 if not used."""
+        """Torque beyond the model, (J, n) [N·m], 0 if unused."""
         return np.where(self.used, self.torque - self.windows.model_torque, 0.0)
 
     @cached_property
     def deviation(self) -> Array:
-        """Deviation of the torque of each joint in motion, shape (n,) [N·m]; 1 without any."""
-        sizes = [float(torque[used].std()) if used.any() else 0.0
-                 for torque, used in zip(self.torque.T, self.used.T)]
+        """Deviation of the torque, (n,) [N·m], 1 without motion."""
+        sizes = [
+            float(torque[used].std()) if used.any() else 0.0
+            for torque, used in zip(self.torque.T, self.used.T)
+        ]
         return np.array([size or 1.0 for size in sizes])
 
     @cached_property
     def fastest(self) -> Array:
-        """Largest velocity of each joint, shape (n,) [rad/s]; 1 for a joint that rests."""
+        """Largest velocity, (n,) [rad/s], 1 at rest."""
         speed = np.abs(self.windows.velocity).max(axis=0, initial=0.0)
         return np.where(speed > 0.0, speed, 1.0)
 
@@ -136,7 +131,7 @@ class Observations:
 @dataclasses.dataclass(frozen=True)
 class Unknowns:
     """
-    Unknowns of the regression: those of the bodies, then the terms of friction; m in all.
+    The m unknowns of the regression: bodies, then friction.
 
     Attributes
     ----------
@@ -168,37 +163,44 @@ class Unknowns:
     @cached_property
     def bounds(self) -> PhysicalBounds:
         """Bounds of all unknowns."""
-        positive = {self.body_count + k: 0.0 for k, term in enumerate(self.terms)
-                    if term.kind in NOT_NEGATIVE}
-        return self.prior.bounds.with_least(positive)
+        positive = {
+            self.body_count + k: 0.0
+            for k, term in enumerate(self.terms)
+            if term.kind in NOT_NEGATIVE
+        }
+        return self.prior.bounds.with_minimum(positive)
 
     def term(self, index: int) -> FrictionTerm:
-        """Return the term of friction that an unknown is the coefficient of."""
+        """Return the term of friction of an unknown."""
         return self.terms[index - self.body_count]
 
     def of_joint(self, joint: int) -> list[int]:
         """Return the indices of the terms of friction of a joint."""
         return [self.body_count + k for k, term in enumerate(self.terms) if term.joint == joint]
 
-    def index(self, joint: int, kind: TermKind) -> int | None:
-        """Return the index of a term of friction; None if there is none."""
+    def index(self, joint: int, term_kind: TermKind) -> int | None:
+        """Return the index of a term of friction, if any."""
         for k in self.of_joint(joint):
-            if self.term(k).kind == kind:
+            if self.term(k).kind == term_kind:
                 return k
         return None
 
-    def row(self, joint: int, kind: TermKind) -> Array:
-        """Return the weights of x that give a coefficient of friction, shape (m,); 0 for none."""
+    def row(self, joint: int, term_kind: TermKind) -> Array:
+        """
+        Return the weights of x for a coefficient, shape (m,).
+
+        They are 0 without such a term.
+        """
         weights = np.zeros(self.count)
-        index = self.index(joint, kind)
+        index = self.index(joint, term_kind)
         if index is not None:
             weights[index] = self.term(index).size
         return weights
 
     def columns(self, data: Observations, joint: int) -> Array:
-        """Return X of a joint, shape (J, m) [N·m]; 0 in windows that are not used."""
+        """Return X of a joint, (J, m) [N·m], 0 if unused."""
         columns = np.zeros((len(data.torque), self.count))
-        columns[:, :self.body_count] = data.windows.bodies[:, joint] @ self.prior.transform
+        columns[:, : self.body_count] = data.windows.bodies[:, joint] @ self.prior.transform
         for k in self.of_joint(joint):
             columns[:, k] = self.term(k).column(data.windows, data.drive_sign)
         columns[~data.used[:, joint]] = 0.0
@@ -234,7 +236,7 @@ class Noise:
 @dataclasses.dataclass(frozen=True)
 class Fit:
     """
-    The solution of (BR1); m unknowns, J windows, n joints.
+    Solution of (BR1), of m unknowns, J windows and n joints.
 
     Attributes
     ----------
@@ -265,21 +267,32 @@ class Fit:
 
     @cached_property
     def held_out(self) -> Array:
-        """Torque beyond the model in each block as the others predict it, (J, n) [N·m]."""
-        columns = [self.unknowns.columns(self.data, joint)
-                   for joint in range(self.data.joint_count)]
+        """
+        Torque of each block, predicted by the others, (J, n) [N·m].
+
+        It is that beyond the model.
+        """
+        columns = [
+            self.unknowns.columns(self.data, joint) for joint in range(self.data.joint_count)
+        ]
         return _predicted(columns, blocks_of_time(len(self.data.torque)), self.left_out)
 
     def half_interval(self, weights: Array) -> Array:
-        """Return half the interval of weighted sums of x, weights of shape (..., m)."""
+        """Return half the interval of sums by weights, (..., m)."""
         normal = float(stdtrit(np.inf, 0.5 + 0.5 * CONFIDENCE))
         blocks = float(stdtrit(BLOCKS - 1.0, 0.5 + 0.5 * CONFIDENCE))
-        halves = [factor * np.sqrt(np.maximum(((weights @ matrix) * weights).sum(axis=-1), 0.0))
-                  for factor, matrix in ((normal, self.covariance), (blocks, self.spread))]
+        halves = [
+            factor * np.sqrt(np.maximum(((weights @ matrix) * weights).sum(axis=-1), 0.0))
+            for factor, matrix in ((normal, self.covariance), (blocks, self.spread))
+        ]
         return np.asarray(np.maximum(*halves))
 
     def torque(self, joint: int, kinds: Sequence[TermKind] | None = None) -> Array:
-        """Return the torque beyond the model, or of some kinds of friction, shape (J,) [N·m]."""
+        """
+        Return the torque beyond the model, (J,) [N·m].
+
+        Given kinds of friction, it is theirs alone.
+        """
         columns = self.unknowns.columns(self.data, joint)
         if kinds is None:
             return columns @ self.value
@@ -287,28 +300,32 @@ class Fit:
         return columns[:, chosen] @ self.value[chosen]
 
     def body_change(self) -> Array:
-        """Return the change of the parameters of bodies, rotors and gravity, shape (P,)."""
-        change = self.unknowns.prior.transform @ self.value[:self.unknowns.body_count]
+        """Return the change of all body parameters, shape (P,)."""
+        change = self.unknowns.prior.transform @ self.value[: self.unknowns.body_count]
         return np.asarray(change)
 
 
 class _Sums(NamedTuple):
-    """Xᵀ W X and Xᵀ W y over σ²: of each block (BLOCKS, m, m) and (BLOCKS, m), or of some."""
+    """
+    Sums Xᵀ W X / σ² and Xᵀ W y / σ².
+
+    They are of each block, (BLOCKS, m, m) and (BLOCKS, m), or of several.
+    """
 
     normal: Array
     right: Array
 
     def without(self, block: int) -> _Sums:
         """Return the sums over all other blocks."""
-        others = np.arange(BLOCKS) != block
-        return _Sums(self.normal[others].sum(axis=0), self.right[others].sum(axis=0))
+        kept = np.arange(BLOCKS) != block
+        return _Sums(self.normal[kept].sum(axis=0), self.right[kept].sum(axis=0))
 
     def drawn(self, counts: Array) -> _Sums:
-        """Return the sums over blocks that are taken so many times each, shape (BLOCKS,)."""
+        """Return the sums over blocks with these counts, shape (BLOCKS,)."""
         return _Sums(np.tensordot(counts, self.normal, 1), counts @ self.right)
 
     def solve(self, mean: Array) -> Array:
-        """Return the most likely unknowns, shape (m,), where these are expected."""
+        """Return the most likely unknowns by their prior mean, (m,)."""
         return np.asarray(np.linalg.solve(self.information, self.right + mean), float)
 
     @property
@@ -318,18 +335,20 @@ class _Sums(NamedTuple):
 
 
 class _NormalEquations:
-    """Normal equations of each block of time and joint, for given weights of windows."""
+    """Normal equations of each block and joint, for given weights."""
 
     def __init__(self, data: Observations, unknowns: Unknowns) -> None:
         self.data, self.unknowns = data, unknowns
         self.block = blocks_of_time(len(data.torque))
         self.columns = np.stack(
-            [unknowns.columns(data, joint) for joint in range(data.joint_count)])
+            [unknowns.columns(data, joint) for joint in range(data.joint_count)]
+        )
 
     def covariance(self, noise: Noise, information: Array) -> Array:
-        """Return the covariance of the unknowns, shape (m, m), by (BR2); `information` is H."""
+        """Return the covariance by (BR2), (m, m), where `information` is H."""
         widened = dataclasses.replace(
-            noise, deviation=noise.deviation / np.sqrt(noise.correlation))
+            noise, deviation=noise.deviation / np.sqrt(noise.correlation)
+        )
         spread = self.sums(widened).drawn(np.ones(BLOCKS)).information
         inverse = covariance_of(information)
         return inverse @ spread @ inverse
@@ -349,36 +368,44 @@ class _NormalEquations:
         return _Sums(normal, right)
 
     def unexplained(self, left_out: Array) -> Array:
-        """Return the torque that x without each block does not predict there, (J, n) [N·m]."""
+        """Return the held-out residual of each block, (J, n) [N·m]."""
         return self.data.beyond_model - _predicted(self.columns, self.block, left_out)
 
 
 def blocks_of_time(count: int) -> npt.NDArray[np.intp]:
-    """Return the block of each of some windows, shape (count,)."""
+    """Return the block of each window, shape (count,)."""
     return np.minimum(np.arange(count) * BLOCKS // max(count, 1), BLOCKS - 1)
 
 
 def fit(data: Observations, unknowns: Unknowns) -> Fit:
-    """Return the solution of (BR1) with its noise, its intervals and its held-out values."""
+    """Return the solution of (BR1) with noise, intervals and held-out values."""
     equations, mean, bounds = _NormalEquations(data, unknowns), unknowns.mean, unknowns.bounds
     noise = _first_noise(data)
     for _ in range(ROUNDS):
         sums = equations.sums(noise)
         left_out = np.stack([sums.without(k).solve(mean) for k in range(BLOCKS)])
-        shown = _shown_noise(data, unknowns, equations.unexplained(left_out),
-                             left_out.mean(axis=0))
+        shown = _shown_noise(
+            data, unknowns, equations.unexplained(left_out), left_out.mean(axis=0)
+        )
         noise = _between(noise, shown)
     sums = equations.sums(noise)
     whole = sums.drawn(np.ones(BLOCKS))
-    others = [sums.without(k) for k in range(BLOCKS)]
-    return Fit(data, unknowns, noise, bounds.nearest(whole.solve(mean), whole.information),
-               equations.covariance(noise, whole.information), _block_spread(sums, mean),
-               np.stack([bounds.nearest(x.solve(mean), x.information) for x in others]))
+    without = [sums.without(k) for k in range(BLOCKS)]
+    return Fit(
+        data,
+        unknowns,
+        noise,
+        bounds.nearest(whole.solve(mean), whole.information),
+        equations.covariance(noise, whole.information),
+        _block_spread(sums, mean),
+        np.stack([bounds.nearest(x.solve(mean), x.information) for x in without]),
+    )
 
 
-def _predicted(columns: Sequence[Array] | Array, block: npt.NDArray[np.intp], values: Array
-               ) -> Array:
-    """Return the torque beyond the model by the values of each block of windows, (J, n)."""
+def _predicted(
+    columns: Sequence[Array] | Array, block: npt.NDArray[np.intp], values: Array
+) -> Array:
+    """Return the torque of each block by its values, (J, n)."""
     predicted = np.zeros((len(block), len(columns)))
     for k, value in enumerate(values):
         rows = block == k
@@ -387,38 +414,53 @@ def _predicted(columns: Sequence[Array] | Array, block: npt.NDArray[np.intp], va
 
 
 def _block_spread(sums: _Sums, mean: Array) -> Array:
-    """Return the covariance of x by drawing blocks of time with replacement, shape (m, m)."""
-    draws = np.random.default_rng(0).multinomial(BLOCKS, [1.0 / BLOCKS] * BLOCKS, DRAWS)
+    """
+    Return the covariance of x by drawing blocks, (m, m).
+
+    Blocks are drawn with replacement.
+    """
+    draws = np.random.default_rng(0).multinomial(BLOCKS, [1.0 / BLOCKS] * BLOCKS, 100)
     values = [sums.drawn(counts).solve(mean) for counts in draws]
     deviations = np.array(values) - np.mean(values, axis=0)
     # Blocks are drawn around their own mean, which takes a share of the variance.
     correction = BLOCKS / (BLOCKS - 1.0)
-    return np.asarray(correction * deviations.T @ deviations / DRAWS)
+    return np.asarray(correction * deviations.T @ deviations / len(draws))
 
 
 def _first_noise(data: Observations) -> Noise:
-    """Return the noise to begin with: a part of what is beyond the model."""
+    """Return the first noise, 1 % of the torque."""
     count = np.maximum(data.used.sum(axis=0), 1)
     power = np.square(data.beyond_model).sum(axis=0) / count
-    floor = LEAST_NOISE * data.deviation
-    return Noise(FIRST_NOISE * np.sqrt(power) + floor, np.ones(data.joint_count),
-                 1.0 - data.windows.resting)
+    floor = MIN_NOISE * data.deviation
+    # From small noise the data decide on the unknowns first. From large noise these might stay as
+    # expected, and the noise remain large.
+    return Noise(
+        0.01 * np.sqrt(power) + floor, np.ones(data.joint_count), 1.0 - data.windows.resting
+    )
 
 
-def _between(before: Noise, after: Noise) -> Noise:
+def _between(noise: Noise, shown: Noise) -> Noise:
     """Return noise between two rounds, so that weights and residuals settle."""
-    return Noise(np.sqrt(before.deviation * after.deviation),
-                 np.sqrt(before.correlation * after.correlation), after.weights)
+    return Noise(
+        np.sqrt(noise.deviation * shown.deviation),
+        np.sqrt(noise.correlation * shown.correlation),
+        shown.weights,
+    )
 
 
 def _shown_noise(data: Observations, unknowns: Unknowns, residual: Array, value: Array) -> Noise:
-    """Return the noise that a held-out residual, shape (J, n), shows [N·m]; `value` is x."""
+    """
+    Return the noise of a held-out residual, (J, n) [N·m].
+
+    The unknowns x are `value`.
+    """
     deviation, correlation = data.deviation.copy(), np.ones(data.joint_count)
     weights = np.ones_like(residual)
     for joint in np.flatnonzero(data.moving).tolist():
-        used, floor = data.used[:, joint], LEAST_NOISE * data.deviation[joint]
+        used, floor = data.used[:, joint], MIN_NOISE * data.deviation[joint]
         r, resting = residual[used, joint], data.windows.resting[used, joint]
-        typical = MEDIAN_TO_DEVIATION * float(np.median(np.abs(r))) + floor
+        # The deviation of a normal variable is 1.4826 times its median magnitude.
+        typical = 1.4826 * float(np.median(np.abs(r))) + floor
         static = static_friction(unknowns, joint, value)
         outlier = 1.0 + np.square(r / (OUTLIER_DEVIATIONS * typical))
         w = resting_weight(resting, static, typical) / outlier
@@ -431,13 +473,13 @@ def _shown_noise(data: Observations, unknowns: Unknowns, residual: Array, value:
 
 
 def static_friction(unknowns: Unknowns, joint: int, value: Array) -> float:
-    """Return the Coulomb friction of a joint [N·m]; `value` is x."""
+    """Return the Coulomb friction of a joint by x [N·m]."""
     return abs(float(unknowns.row(joint, TermKind.COULOMB) @ value))
 
 
 def resting_weight(resting: Array, static: float, noise: float) -> Array:
     """
-    Return the weight of windows in which a joint rests for a share of the time.
+    Return the weight of windows in which a joint rests.
 
     A resting joint has any friction up to the static one, which is a uniform distribution.
     """
@@ -446,12 +488,14 @@ def resting_weight(resting: Array, static: float, noise: float) -> Array:
 
 def correlation_length(x: Array) -> float:
     """
-    Return the sum of the autocorrelations of a series, up to where they are noise [samples].
+    Return the sum of autocorrelations of a series [samples].
+
+    It ends where these are noise.
 
     Parameters
     ----------
     x : ndarray, shape (J,)
-        Series; 0 where there is no value.
+        Series, 0 where there is no value.
 
     """
     count = len(x)
@@ -467,7 +511,7 @@ def correlation_length(x: Array) -> float:
 
 def mean_sign(torque: Array) -> Array:
     """
-    Return the mean sign of a torque in windows that follow each other, shape (J, n).
+    Return the mean sign in successive windows, (J, n).
 
     Between two windows the torque changes steadily, so that where it crosses zero its mean sign
     is between -1 and 1.

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The torque of a model as a linear function of its parameters, under the integral of (WF1).
+Torque of a model as a linear function of its parameters.
 
 The parameters are the inertial ones of the model, the inertia of a rotor at each joint, and the
 vector of gravity. In (WF1) a parameter has the weak torque of its regressor: that of the momentum
@@ -20,7 +20,8 @@ is the regressor of a torque at rest with dq for an acceleration, and with T = �
 
     Cᵀ dq = ∂T/∂q = (dM/dt) dq - C dq,                                                    (EC1)
 
-where dM/dt is the derivative along the motion, by a central difference.
+where dM/dt is the derivative along the motion, by a central difference. `windows.py` calls `weak`
+for each block of windows.
 """
 
 from __future__ import annotations
@@ -32,18 +33,11 @@ from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array, Indices
 import numpy as np
 
-#: Longest step of the grid on which regressors are evaluated [s].
-GRID_STEP_S = 0.004
-#: Step in time of the central difference [s].
-DIFFERENCE_STEP_S = 1e-4
-#: Random states in which a regressor is compared with its model.
-CHECKED_STATES = 3
-
 
 @dataclasses.dataclass(frozen=True)
 class BodyRegressor:
     """
-    Derivative of a model's torque by its parameters; p inertial ones, n joints.
+    Derivative of a model's torque by its parameters.
 
     The parameters are in the order: p inertial ones, n rotor inertias [kg·m²], gravity [m/s²].
 
@@ -61,12 +55,13 @@ class BodyRegressor:
 
     @classmethod
     def of(cls, model: Model, gravity: Array | None = None) -> BodyRegressor | None:
-        """Return the regressor of a model; None if the model offers none that holds for it."""
+        """Return the regressor of a model, if one holds."""
         if not isinstance(model, LinearModel):
             return None
         downwards = np.array([0.0, 0.0, -model.gravity])
         parameters = model.inertial_parameters()
-        states = np.random.default_rng(0).normal(size=(CHECKED_STATES, 3, model.n))
+        # Its linearity is checked in three random states.
+        states = np.random.default_rng(0).normal(size=(3, 3, model.n))
         for q, dq, ddq in states:
             torque = model.inverse_dynamics(q.tolist(), dq.tolist(), ddq.tolist())
             linear = model.torque_regressor(q, dq, ddq, downwards) @ parameters
@@ -86,14 +81,21 @@ class BodyRegressor:
         return np.concatenate((self.model.inertial_parameters(), rotors(self.model), downwards))
 
     def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return the derivative of the inverse dynamics in a state, shape (n, p + n + 3)."""
-        return np.concatenate((self.model.torque_regressor(q, dq, ddq, self.gravity),
-                               np.diag(ddq), self.model.gravity_map(q)), axis=1)
+        """Return the torque's derivative, shape (n, p + n + 3)."""
+        inertial = self.model.torque_regressor(q, dq, ddq, self.gravity)
+        return np.concatenate((inertial, np.diag(ddq), self.model.gravity_map(q)), axis=1)
 
-    def weak(self, q: Array, dq: Array, difference: Array, phi: TestFunction, centres: Indices
-             ) -> Array:
+    def weak(
+            self,
+            q: Array,
+            dq: Array,
+            difference: Array,
+            phi: TestFunction,
+            centres: Indices) -> Array:
         """
-        Return the derivative of the weak torque, shape (J, n, p + n + 3).
+        Return the derivative of the weak torque.
+
+        Its shape is (J, n, p + n + 3).
 
         Parameters
         ----------
@@ -107,21 +109,20 @@ class BodyRegressor:
             Samples at the centres of the windows.
 
         """
-        n, p = self.model.n, self.inertial_count
-        step = max(1, int(GRID_STEP_S / phi.period))
+        n = self.model.n
+        p = self.inertial_count
+        step = max(1, int(0.004 / phi.period))  # A grid of 4 ms at most.
         grid = np.arange(0, len(q), step)
-        in_a_window = (np.abs(grid - centres[:, None]) < phi.half).any(axis=0)
-        grid = grid[in_a_window]
-        momentum, remainder = np.empty((2, len(grid), n, p))
-        weight = np.empty((len(grid), n, 3))
-        for k, sample in enumerate(grid):
-            momentum[k] = self._momentum(q[sample], dq[sample])
-            remainder[k] = self._remainder(q[sample], dq[sample])
-            weight[k] = self.model.gravity_map(q[sample])
+        is_in_window = (np.abs(grid - centres[:, None]) < phi.half).any(axis=0)
+        grid = grid[is_in_window]
+        states = list(zip(q[grid], dq[grid]))
+        momentum = np.array([self._momentum(*state) for state in states])
+        remainder = np.array([self._remainder(*state) for state in states])
+        weight = np.array([self.model.gravity_map(position) for position, _ in states])
         values, slopes = phi.weights(grid - centres[:, None], step)
         derivative = np.zeros((len(centres), n, p + n + 3))
-        derivative[:, :, :p] = np.tensordot(values, remainder, 1) - np.tensordot(
-            slopes, momentum, 1)
+        inertial = np.tensordot(values, remainder, 1) - np.tensordot(slopes, momentum, 1)
+        derivative[:, :, :p] = inertial
         joints = np.arange(n)
         derivative[:, joints, p + joints] = -phi.sums(difference, phi.slope, centres)
         derivative[:, :, p + n:] = np.tensordot(values, weight, 1)
@@ -132,8 +133,8 @@ class BodyRegressor:
         return self.model.torque_regressor(q, np.zeros_like(q), dq, np.zeros(3))
 
     def _remainder(self, q: Array, dq: Array) -> Array:
-        """Return the regressor of G - Cᵀ dq by (EC1), shape (n, p)."""
-        step = DIFFERENCE_STEP_S
+        """Return the regressor of G - Cᵀ dq, (EC1), shape (n, p)."""
+        step = 1e-4  # [s]
         change = self._momentum(q + step * dq, dq) - self._momentum(q - step * dq, dq)
         torque = self.model.torque_regressor(q, dq, np.zeros_like(q), self.gravity)
         return torque - change / (2.0 * step)

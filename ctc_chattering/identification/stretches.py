@@ -15,8 +15,8 @@
 """
 Parts of a recording without gaps, on regular grids.
 
-`stretches` divides a checked `Recording`. The windows and the drives' timing are computed on the
-result.
+`split_recording` divides a checked `Recording`. The windows and the drives' timing are computed
+on the result.
 """
 
 from __future__ import annotations
@@ -39,6 +39,11 @@ _MAX_DRIFT_PERIODS = 0.3
 _DRIFT_WINDOW = 101
 #: Stamps on a grid differ from it by less than this: rounding.
 _ROUNDING_PERIODS = 1e-5
+
+
+#: Sources of the torque: what the controller commanded, or what the drive measured.
+COMMAND = 'command'
+EFFORT = 'effort'
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,6 +73,10 @@ class Stretch:
     command: Array | None
     late: tuple[float, float] = (0.0, 0.0)
 
+    def torque(self, source: str) -> Array | None:
+        """Return the torques of `COMMAND` or `EFFORT`, shape (N, n), or None."""
+        return self.command if source == COMMAND else self.effort
+
     def cut(self, first: int, last: int) -> Stretch:
         """Return its samples from `first` to before `last`."""
         rows = np.arange(len(self.q))[first:last]
@@ -85,7 +94,7 @@ class Stretch:
         return np.asarray(self.t0 + since, float)
 
 
-def stretches(recording: Recording, period: float) -> Iterator[Stretch]:
+def split_recording(recording: Recording, period: float) -> Iterator[Stretch]:
     """
     Yield a recording's parts without gaps, on regular grids.
 

@@ -31,7 +31,13 @@ import warnings
 
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, shorten, suggest
-from ctc_chattering.identification.recording import find_joints, RecordedMotion, Recording
+from ctc_chattering.identification.recording import (
+    find_joints,
+    RecordedMotion,
+    Recording,
+    RecordingError,
+    RecordingFault,
+)
 from ctc_chattering.input_files import check_regular
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -73,8 +79,10 @@ def read_table(
     path = Path(path)
     heads, values = _read_columns(path)
     if not heads or heads[0].strip().lower() not in TIME:
-        raise CtcError(f'{path}: the first column is {heads[0] if heads else "missing"}; allowed: '
-                       f'{", ".join(TIME)}, the time in seconds')
+        raise RecordingError(
+            RecordingFault.TOPIC,
+            f'{path}: the first column is {heads[0] if heads else "missing"}; allowed: '
+            f'{", ".join(TIME)}, the time in seconds')
     columns: dict[str, dict[str, Array]] = {'q': {}, 'dq': {}, 'tau': {}}
     for head, column in zip(heads[1:], values.T[1:]):
         match = COLUMN.fullmatch(head.strip())
@@ -99,19 +107,23 @@ def read_table(
     if q is None:
         missing = next(name for k, name in enumerate(names, 1)
                        if columns['q'].keys().isdisjoint((name, str(k))))
-        raise CtcError(f'{path}: no column q_{missing}; it has: {shorten(heads[1:])}'
-                       f'{suggest(f"q_{missing}", heads)}')
+        raise RecordingError(
+            RecordingFault.TOPIC,
+            f'{path}: no column q_{missing}; it has: {shorten(heads[1:])}'
+            f'{suggest(f"q_{missing}", heads)}')
     t = values[:, 0] - values[0, 0]
     recording = Recording(path.name, names, t, q, stack('dq'), stack('tau'))
     return RecordedMotion(recording.checked(), description)
 
 
 def _name_numbers(path: Path, numbers: tuple[str, ...], description: str) -> tuple[str, ...]:
-    """Return the movable joints of a description in the place of numbers from 1 on."""
+    """Return the movable joints that numbers from 1 on stand for."""
     movable = Tree(description).movable
     if len(numbers) != len(movable):
-        raise CtcError(f'{path}: {len(numbers)} joints with numbers; the description has '
-                       f'{len(movable)}: {shorten(movable)}. Give --joints in their order')
+        raise RecordingError(
+            RecordingFault.JOINTS,
+            f'{path}: {len(numbers)} joints with numbers; the description has '
+            f'{len(movable)}: {shorten(movable)}. Give --joints in their order')
     return movable
 
 

@@ -11,9 +11,8 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-
 """
-Equations of motion under an integral, so that no velocity is differentiated.
+Equations of motion under an integral, without derivatives of velocities.
 
 With a test function φ that is 0, with its first three derivatives, outside a window of time, the
 equation of motion `d(M dq)/dt - Cᵀ dq + G + F = tau` becomes, after integration by parts,
@@ -21,9 +20,9 @@ equation of motion `d(M dq)/dt - Cᵀ dq + G + F = tau` becomes, after integrati
     ∫ φ tau dt = -∫ φ' M dq dt + ∫ φ (G - Cᵀ dq) dt + ∫ φ F dt.                           (WF1)
 
 `dM/dt = C + Cᵀ` was used. The momentum M dq takes the place of accelerations (modulating
-functions: Shinbrot 1957, Preisig and Rippin 1993; filtered regressors of the momentum: Hsu,
+functions: Shinbrot 1957, Preisig and Rippin 1993, and filtered regressors of the momentum: Hsu,
 Bodson, Sastry and Paden 1987). φ = 315/256 (1 - s²)⁴, s from -1 to 1, is a low-pass filter without
-delay.
+delay. `windows.py` and `regressor.py` compute the terms of (WF1) with it.
 """
 
 from __future__ import annotations
@@ -38,20 +37,8 @@ from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]
 from scipy.ndimage import correlate1d  # type: ignore[import-untyped]
 from scipy.special import perm  # type: ignore[import-untyped]
 
-#: Half the length of φ [s], and the fewest samples in it.
-HALF, FEWEST = 0.05, 12
-#: Distance of two windows, as a part of half their length.
-_STEP = 0.5
-#: Most windows, roughly, and those that are evaluated at once where they lie as near as usual.
-_MOST_WINDOWS, _BLOCK = 3000, 200
-#: Half the length of the polynomials that velocities come from [s], and the fewest samples.
-_SMOOTH, _FEWEST_SMOOTH = 0.012, 3
-#: Their order.
-_ORDER = 3
-#: Median magnitude of a normal variable with the deviation 1.
-_MEDIAN = 0.6744897501960817
-#: Longest step of the grid on which M, C and G are evaluated [s].
-_GRID = 0.004
+#: Highest power of the local polynomials that velocities come from.
+_LOCAL_ORDER = 3
 
 
 class TestFunction:
@@ -63,7 +50,7 @@ class TestFunction:
     period : float
         h [s].
     duration : float
-        Of all that is evaluated [s]: beyond some minutes windows lie farther apart.
+        Duration of all that is evaluated [s]. Beyond some minutes windows lie farther apart.
 
     Attributes
     ----------
@@ -73,10 +60,10 @@ class TestFunction:
         Samples on each side of the centre.
     step : int
         Samples from one window to the next.
-    at, slope : ndarray, shape (2 half + 1,)
+    values, slope : ndarray, shape (2 half + 1,)
         h φ and h φ' at the samples [1, 1/s].
     over : ndarray, shape (2 half + 1,)
-        ∫ φ dt from each sample to the next one; 0 for the last.
+        ∫ φ dt from each sample to the next one, 0 for the last.
 
     """
 
@@ -84,89 +71,103 @@ class TestFunction:
 
     def __init__(self, period: float, duration: float = 0.0) -> None:
         self.period = period
-        self.half = max(FEWEST, round(HALF / period))
-        usual = max(1, round(_STEP * self.half))
-        self.step = max(usual, round(duration / period / _MOST_WINDOWS))
-        self._block = max(1, _BLOCK * usual // self.step)
+        # Half a window is 50 ms long, with 12 samples or more. Windows overlap by three quarters.
+        self.half = max(12, round(0.05 / period))
+        usual_step = max(1, round(0.5 * self.half))
+        # About 3000 windows at most. 200 of the usual ones are evaluated at once.
+        self.step = max(usual_step, round(duration / period / 3000))
+        self._block = max(1, 200 * usual_step // self.step)
         samples = np.arange(-self.half, self.half + 1)
-        self.at, self.slope = self.weights(samples, 1)
+        self.values, self.slope = self.weights(samples, 1)
         s = samples / self.half
         primitive = 315.0 / 256.0 * (
             s - 4.0 * s ** 3 / 3.0 + 6.0 * s ** 5 / 5.0 - 4.0 * s ** 7 / 7.0 + s ** 9 / 9.0)
         self.over = np.append(np.diff(primitive), 0.0)
 
     def centres(self, count: int, margin: int) -> Indices:
-        """Return the centres of windows over `count` samples, without `margin` at both ends."""
+        """Return the centres of windows, without a margin at both ends."""
         return np.arange(self.half + margin, count - self.half - margin, self.step)
 
     def weights(self, offset: Indices, step: int) -> tuple[Array, Array]:
-        """Return φ and φ' times a step of so many samples, at samples off the centre."""
+        """Return φ and φ' off the centre, times a step [samples]."""
         s = np.clip(offset / self.half, -1.0, 1.0)
         scale = step * 315.0 / 256.0 / self.half
-        return (scale * (1.0 - s * s) ** 4,
-                scale * -8.0 * s * (1.0 - s * s) ** 3 / (self.half * self.period))
+        values = scale * (1.0 - s * s) ** 4
+        slope = scale * -8.0 * s * (1.0 - s * s) ** 3 / (self.half * self.period)
+        return values, slope
 
     def sums(self, x: Array, weights: Array, centres: Indices) -> Array:
-        """Return Σ weights x around each centre, shape (J, ...), of x, shape (N, ...)."""
+        """Return Σ weights x around centres, shape (J, ...)."""
         windows = sliding_window_view(x, 2 * self.half + 1, axis=0)
         return np.concatenate([
-            windows[some - self.half] @ weights for some in self.blocks(centres)])
+            windows[block - self.half] @ weights for block in self.blocks(centres)])
 
     def blocks(self, centres: Indices) -> list[Indices]:
         """Return the centres in blocks whose samples fit into memory."""
         return np.array_split(centres, -(-max(len(centres), 1) // self._block))
 
 
+# Smooth positions and velocities, with their noise.
+
 def smoothing_half(period: float) -> int:
-    """Return how many samples on each side a velocity comes from."""
-    return max(_FEWEST_SMOOTH, round(_SMOOTH / period))
+    """Return half the samples of smoothing: 12 ms, or three."""
+    return max(3, round(0.012 / period))
 
 
 def smooth(q: Array, period: float, order: int = 0) -> Array:
     """
-    Return a derivative of some order of positions by local cubics, shape (N, ...).
+    Return a derivative of positions by local cubics, shape (N, ...).
 
-    That is the filter of Savitzky and Golay, without delay (not SciPy's, which imports 25 MB).
+    This is the filter of Savitzky and Golay, without delay. SciPy's needs 25 MB more memory.
     """
     m = smoothing_half(period)
-    found: Array = correlate1d(q, _local(period, order), axis=0)
-    for part, ends, at in ((found[:m], q[:2 * m + 1], range(-m, 0)),
-                           (found[-m:], q[-2 * m - 1:], range(1, m + 1))):
-        part[:] = [np.tensordot(_local(period, order, k), ends, 1) for k in at]
-    return found
+    derivative: Array = correlate1d(q, _local_weights(period, order), axis=0)
+    for k in range(m):
+        derivative[k] = np.tensordot(
+            _local_weights(period, order, k - m),
+            q[:2 * m + 1],
+            1)
+        derivative[k - m] = np.tensordot(
+            _local_weights(period, order, k + 1),
+            q[-2 * m - 1:],
+            1)
+    return derivative
 
 
-def _local(period: float, order: int, at: int = 0) -> Array:
-    """Return the weights of a derivative `at` samples off the middle, shape (2 m + 1,)."""
-    m, powers = smoothing_half(period), np.arange(_ORDER + 1)
-    cubic = np.linalg.pinv(np.vander(np.arange(-m, m + 1.0), _ORDER + 1, increasing=True))
-    value = perm(powers, order) * float(at) ** np.maximum(powers - order, 0)
+def _local_weights(period: float, order: int, offset: int = 0) -> Array:
+    """Return the weights of a derivative off the middle."""
+    m = smoothing_half(period)
+    powers = np.arange(_LOCAL_ORDER + 1)
+    samples = np.arange(-m, m + 1.0)
+    cubic = np.linalg.pinv(np.vander(samples, _LOCAL_ORDER + 1, increasing=True))
+    value = perm(powers, order) * float(offset) ** np.maximum(powers - order, 0)
     return np.asarray(value @ cubic / period ** order)
 
 
 def position_noise(q: Array, period: float) -> Array:
-    """Return the deviation of the positions from local cubics, shape (n,) [rad]."""
+    """Return the deviation from local cubics, shape (n,) [rad]."""
     m = smoothing_half(period)
-    hat = _local(period, 0)
+    hat = _local_weights(period, 0)
     # Joint by joint, for long series. Robust: where a joint stops, no cubic fits.
     spread = np.array([deviation((x - smooth(x, period))[m:-m]) for x in q.T])
     return np.asarray(spread / np.sqrt(1.0 - 2.0 * hat[m] + hat.dot(hat)))
 
 
 def velocity_deviation(period: float) -> float:
-    """Return the deviation of a smoothed velocity per deviation of white position noise [1/s]."""
-    return float(np.linalg.norm(_local(period, 1)))
+    """Return the velocity's noise per noise of positions [1/s]."""
+    return float(np.linalg.norm(_local_weights(period, 1)))
 
 
 def deviation(x: Array) -> float:
-    """Return the deviation of a series, shape (N,), by its median: robust."""
-    return float(np.median(np.abs(x - np.median(x)))) / _MEDIAN
+    """Return the deviation of a series, shape (N,), robust to outliers."""
+    # A normal variable of deviation 1 has this median magnitude.
+    return float(np.median(np.abs(x - np.median(x)))) / 0.6744897501960817
 
 
 @dataclasses.dataclass(frozen=True)
 class Dynamics:
     """
-    Terms of a model along a stretch, on a coarse grid; K of its samples.
+    Terms of a model at K samples of a stretch.
 
     Attributes
     ----------
@@ -174,7 +175,7 @@ class Dynamics:
         Samples at which they were evaluated.
     mass : ndarray, shape (K, n, n)
         M [kg·m²].
-    rest, gravity, bias : ndarray, shape (K, n)
+    remainder, gravity, bias : ndarray, shape (K, n)
         G - Cᵀ dq, G, and G + C dq [N·m].
     count : int
         Number of samples.
@@ -183,50 +184,57 @@ class Dynamics:
 
     index: Indices
     mass: Array
-    rest: Array
+    remainder: Array
     gravity: Array
     bias: Array
     count: int
 
     @classmethod
     def along(cls, q: Array, dq: Array, period: float, model: Model) -> Dynamics:
-        """Evaluate a model along a motion, each of q and dq of shape (N, n)."""
-        step = max(1, int(_GRID / period))
-        index = np.append(np.arange(0, len(q) - 1, step), len(q) - 1)
-        n = q.shape[1]
-        mass, (rest, weight, bias) = np.empty((len(index), n, n)), np.empty((3, len(index), n))
-        for b, k in enumerate(index):
-            mass[b], C, weight[b] = model.evaluate(q[k], dq[k])
-            rest[b], bias[b] = weight[b] - C.T.dot(dq[k]), weight[b] + C.dot(dq[k])
-        return cls(index, mass, rest, weight, bias, len(q))
+        """Evaluate a model along a motion q, dq, each (N, n)."""
+        last = len(q) - 1
+        step = max(1, int(0.004 / period))  # 4 ms at most.
+        index = np.append(np.arange(0, last, step), last)
+        count, n = len(index), q.shape[1]
+        mass = np.empty((count, n, n))
+        remainder, gravity, bias = np.empty((3, count, n))
+        for row, k in enumerate(index):
+            M, C, G = model.evaluate(q[k], dq[k])
+            mass[row] = M
+            gravity[row] = G
+            remainder[row] = G - C.T.dot(dq[k])
+            bias[row] = G + C.dot(dq[k])
+        return cls(index, mass, remainder, gravity, bias, len(q))
 
     def weight(self) -> Array:
         """Return G at all samples, shape (N, n) [N·m]."""
-        return self._full(self.gravity)
+        return self._interpolate(self.gravity)
 
     def torque(self, ddq: Array) -> Array:
         """Return the inverse dynamics at all samples, shape (N, n) [N·m]."""
-        coarse = np.einsum('tij,tj->ti', self.mass, ddq[self.index]) + self.bias
-        return self._full(coarse)
+        inertial = np.einsum('tij,tj->ti', self.mass, ddq[self.index])
+        return self._interpolate(inertial + self.bias)
 
-    def weak(self, moved: Array, phi: TestFunction, centres: Indices) -> Array:
+    def weak(self, velocity: Array, phi: TestFunction, centres: Indices) -> Array:
         """
-        Return the left side of the equation, without friction, shape (J, n) [N·m].
+        Return the model's torque in (WF1), shape (J, n) [N·m].
 
         Parameters
         ----------
-        moved : ndarray, shape (N, n)
-            Velocity at the samples [rad/s]; it may be noisy.
+        velocity : ndarray, shape (N, n)
+            Velocity at the samples [rad/s], which may be noisy.
         phi : TestFunction
             φ.
         centres : ndarray, shape (J,)
-            Of the windows.
+            Samples at the centres of the windows.
 
         """
-        momentum = np.einsum('tij,tj->ti', self._full(self.mass), moved)
-        return (phi.sums(self._full(self.rest), phi.at, centres)
+        mass = self._interpolate(self.mass)
+        momentum = np.einsum('tij,tj->ti', mass, velocity)
+        remainder = self._interpolate(self.remainder)
+        return (phi.sums(remainder, phi.values, centres)
                 - phi.sums(momentum, phi.slope, centres))
 
-    def _full(self, values: Array) -> Array:
+    def _interpolate(self, values: Array) -> Array:
         """Return values of the coarse grid at all samples."""
         return np.asarray(CubicSpline(self.index, values)(np.arange(self.count)))

@@ -29,6 +29,7 @@ import signal
 import time
 from typing import Any
 
+from ctc_chattering.configuration.topics import CLOCK, PARAMETERS
 from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.launch.sole_graph import sole_graph
 from ctc_chattering.number_format import format_value
@@ -39,7 +40,6 @@ from ctc_chattering.ros.parameters import to_parameter
 from ctc_chattering.ros.run_node import wait_for_all_acked
 from ctc_chattering.ros.spinning import Executor
 from ctc_chattering.ros.subscription import qos, ValidatedSubscription
-from ctc_chattering.ros.topics import CLOCK, PARAMETERS
 from ctc_chattering.simulation.closed_loop import Event
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import SetParameters

@@ -184,6 +184,7 @@ class Controls:
         law = str(controller.get('law', ''))
         takes_switching = law in laws_by_parameter()['switching']
         units = PlantConfig.parameters()
+        is_described = controller.get('model') == 'urdf'
         return {
             'law': law,
             'laws': LAWS,
@@ -193,7 +194,7 @@ class Controls:
             'gains': [slider.shown() for slider in self._sliders.values()],
             'record': self._recorder.shown(),
             'speed': self._reader.parameters['reference'].get('speed_scaling'),
-            'payload': controller.get('payload_mass') if controller.get('model') == 'urdf' else None,
+            'payload': controller.get('payload_mass') if is_described else None,
             'answered': self._answer_count,
             'plant': [{'name': name,
                        'title': f'{title} [{unit_text(units[name].unit)}]',

@@ -33,18 +33,18 @@ import time
 from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.signals import packed, PARTS
+from ctc_chattering.configuration import topics
+from ctc_chattering.configuration.topics import select
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import as_ctc_error, CtcError, RejectedMessage
 from ctc_chattering.live.status_light import NodeReport, TOPIC_OF_NODE
 from ctc_chattering.numerics.angles import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, seconds
-from ctc_chattering.ros import topics
 from ctc_chattering.ros.messages import message_type, read_stamp
 from ctc_chattering.ros.node import BaseNode
 from ctc_chattering.ros.parameters import CHANGES
 from ctc_chattering.ros.subscription import MatchingSubscription, qos, ValidatedSubscription
-from ctc_chattering.ros.topics import select
 from ctc_chattering.trajectory.joint_limits import continuous_joints, read_limits
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np

@@ -31,6 +31,17 @@ from typing import Any
 from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ControllerNodeConfig
+from ctc_chattering.configuration.topics import (
+    CLOCK,
+    COMMANDS,
+    FILTER,
+    JOINT_STATES,
+    REFERENCE,
+    ROBOT_DESCRIPTION,
+    select,
+    TORQUES,
+    TRACKING,
+)
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.control.laws.registry import LAWS
 from ctc_chattering.control.recommended_gains import (
@@ -63,17 +74,6 @@ from ctc_chattering.ros.messages import (
 from ctc_chattering.ros.reports import ERROR, MODE, Status
 from ctc_chattering.ros.spinning import TICK
 from ctc_chattering.ros.subscription import qos, ValidatedSubscription
-from ctc_chattering.ros.topics import (
-    CLOCK,
-    COMMANDS,
-    FILTER,
-    JOINT_STATES,
-    REFERENCE,
-    ROBOT_DESCRIPTION,
-    select,
-    TORQUES,
-    TRACKING,
-)
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger

@@ -26,6 +26,7 @@ import time
 
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import PlantNodeConfig
+from ctc_chattering.configuration.topics import CLOCK, COMMANDS, JOINT_STATES, select, TOPICS
 from ctc_chattering.controller.health import FaultCount, FaultKind, FaultRates
 from ctc_chattering.controller.lockstep_exchange import LockstepExchange
 from ctc_chattering.controller.watchdog import Watchdog
@@ -43,7 +44,6 @@ from ctc_chattering.ros.messages import (
 )
 from ctc_chattering.ros.reports import ERROR, OK, Status, WARN
 from ctc_chattering.ros.subscription import qos, ValidatedSubscription
-from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, select, TOPICS
 from ctc_chattering.simulation.plant import limits_of, make_plant, Plant
 from ctc_chattering.trajectory.joint_limits import describe_violations
 from rosgraph_msgs.msg import Clock

@@ -15,7 +15,7 @@
 """
 Recorder node: writes every message of the graph, as it was received, into a bag.
 
-It subscribes to all topics of `ros.topics.TOPICS`, and `bags.writer` puts them into files.
+It subscribes to all `TOPICS` of `configuration/topics.py`. `bags.writer` puts them into files.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from ctc_chattering.bags.arrivals import LogTime, SequenceTracker
 from ctc_chattering.bags.writer import BagWriter, offered_qos
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import RecorderConfig
+from ctc_chattering.configuration.topics import CLOCK, JOINT_STATES, Topic, TOPICS
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.messages import message_type, read_stamp
 from ctc_chattering.ros.node import BaseNode
@@ -40,7 +41,6 @@ from ctc_chattering.ros.parameters import NodeParameters
 from ctc_chattering.ros.reports import ERROR, OK, Status
 from ctc_chattering.ros.spinning import NAP
 from ctc_chattering.ros.subscription import MatchingSubscription, qos, ValidatedSubscription
-from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, Topic, TOPICS
 
 #: Messages that DDS keeps while this process or the disk sleeps.
 _DEPTH = 100_000
@@ -84,7 +84,7 @@ class _Recorded:
 
 class RecorderNode(BaseNode):
     """
-    Recorder of all topics of `ros.topics.TOPICS`.
+    Recorder of all `TOPICS` of `configuration/topics.py`.
 
     With a publisher of ``clock`` the log time is the simulated time of the last state received, so
     that a lockstep run plays back with its own timing. Otherwise it is the time of reception.

@@ -29,6 +29,13 @@ from typing import Any
 from ctc_chattering.configuration.collision import SelfCollision
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ReferenceNodeConfig
+from ctc_chattering.configuration.topics import (
+    CLOCK,
+    JOINT_STATES,
+    JOINT_TRAJECTORY,
+    REFERENCE,
+    TOPICS,
+)
 from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.controller.state_machine import Mode
 from ctc_chattering.errors import CtcError, RejectedMessage
@@ -38,7 +45,6 @@ from ctc_chattering.ros.loop_node import LoopNode
 from ctc_chattering.ros.messages import LATEST, read_stamp, TrajectoryWriter
 from ctc_chattering.ros.reports import ERROR, OK, Status, WARN
 from ctc_chattering.ros.subscription import qos, ValidatedSubscription
-from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE, TOPICS
 from ctc_chattering.ros.trajectory_action import (
     FollowJointTrajectory,
     read_route,
@@ -300,8 +306,8 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             return f'Links were not checked for collisions: {error}.'
         approach = links.nearest(t, positions)
         if approach.spare < 0.0:
-            raise CtcError(f'links come too near each other on the way home: {approach.text}')
-        return f'Links keep {approach.text}.'
+            raise CtcError(f'nearest approach of two links on the way home: {approach.text}')
+        return f'The nearest approach of two links is {approach.text}.'
 
     def _publish_chunks(self) -> None:
         """Publish chunks until the motion is known far enough ahead."""

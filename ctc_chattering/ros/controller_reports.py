@@ -24,13 +24,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+from ctc_chattering.configuration.topics import DIAGNOSTICS, select, TRACKING
 from ctc_chattering.controller.state_machine import Mode
 from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import nanoseconds
 from ctc_chattering.ros.reports import MODE
 from ctc_chattering.ros.subscription import qos
-from ctc_chattering.ros.topics import DIAGNOSTICS, select, TRACKING
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState

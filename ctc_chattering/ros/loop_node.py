@@ -26,12 +26,12 @@ from typing import Any, cast, Generic, TypeVar
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import NODES
 from ctc_chattering.configuration.package_share import read_description
+from ctc_chattering.configuration.topics import ROBOT_DESCRIPTION, TOPICS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.parameters import Config
 from ctc_chattering.ros.node import BaseNode
 from ctc_chattering.ros.parameters import NodeParameters
 from ctc_chattering.ros.subscription import compatible, MatchingSubscription, qos
-from ctc_chattering.ros.topics import ROBOT_DESCRIPTION, TOPICS
 from rclpy.publisher import Publisher
 from std_msgs.msg import String
 

@@ -26,12 +26,12 @@ from typing import Any
 
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.parameter_file import OF_ROS
+from ctc_chattering.configuration.topics import DIAGNOSTICS, TOPICS
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.parameters import TolerantParameterService
 from ctc_chattering.ros.reports import diagnostics, ENDED, ERROR, full_report, OK, Status
 from ctc_chattering.ros.spinning import SpinningNode
 from ctc_chattering.ros.subscription import qos, ValidatedSubscription
-from ctc_chattering.ros.topics import DIAGNOSTICS, TOPICS
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.parameter import Parameter as RosParameter
 

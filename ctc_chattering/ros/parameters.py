@@ -27,12 +27,12 @@ from functools import partial
 import time
 from typing import Any
 
+from ctc_chattering.configuration.topics import PARAMETERS
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.leaky_bucket import LeakyBucket
 from ctc_chattering.parameters import Config, Parameter
 from ctc_chattering.ros.messages import stamp
 from ctc_chattering.ros.subscription import qos
-from ctc_chattering.ros.topics import PARAMETERS
 from rcl_interfaces.msg import (
     ParameterDescriptor,
     ParameterEvent,

@@ -29,12 +29,12 @@ from math import inf
 from typing import Any
 
 from ctc_chattering.configuration.node_parameters import ReferenceNodeConfig
+from ctc_chattering.configuration.topics import REFERENCE
 from ctc_chattering.controller.state_machine import Mode
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, seconds
 from ctc_chattering.ros.controller_reports import TrackingError
 from ctc_chattering.ros.messages import stamp
-from ctc_chattering.ros.topics import REFERENCE
 from ctc_chattering.trajectory.goal import (
     Goal,
     GoalCode,

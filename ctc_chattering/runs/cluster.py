@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Runs on a dask cluster of the user, whose workers and scheduler are not trusted.
+Runs on a dask cluster, which is not trusted.
 
 `map.complete_table` comes here with ``ctc map --scheduler``. Workers answer with the bytes of a
 table, as Arrow writes it. Dask itself would also unpickle an answer, an error or a message of the
@@ -78,12 +78,12 @@ def connect_cluster(address: str) -> Iterator[Client]:
 
 @cache
 def _watch() -> None:
-    """Have Python call `_refuse` before it looks up the class or function of a pickle."""
+    """Have Python call `_refuse` before it unpickles a class."""
     sys.addaudithook(_refuse)
 
 
 def _refuse(event: str, arguments: tuple[Any, ...]) -> None:
-    """Raise `TypeError`, which dask expects where it unpickles, for a class that may do harm."""
+    """Raise `TypeError`, which dask expects, for a harmful class."""
     if (event == 'pickle.find_class' and _CONNECTING and arguments != _BYTES
             and threading.get_ident() not in _CONNECTING):
         raise TypeError(f'{".".join(map(str, arguments))} was sent to be unpickled, which is '
@@ -127,7 +127,7 @@ def run_on_cluster(client: Client, runs: RunList, chunks: Collection[Numbers]
 
 
 def answer(runs: RunList, version: str, chunk: Numbers) -> bytes:
-    """Return the rows of a chunk as bytes, or the reason why there are none."""
+    """Return the rows of a chunk, or a refusal, as bytes."""
     try:
         with as_ctc_error('a worker failed'):
             table = store.compute(runs, version, chunk)

@@ -43,7 +43,7 @@ import pyarrow
 
 
 def map_spec(spec: Mapping[str, Any] | str | Path) -> MapSpec:
-    """Read the spec that `compute_map` takes, with the same errors."""
+    """Read the spec that `compute_map` takes."""
     if isinstance(spec, Mapping):
         return parse_spec(dict(spec), Path('map'))
     return read_spec(find_config(spec, folder='maps') if isinstance(spec, str) else spec)
@@ -55,7 +55,9 @@ def compute_map(spec: Mapping[str, Any] | str | Path, out: str | Path, jobs: int
                 progress: Callable[[int, int], None] | None = None, extra: str = 'svg',
                 command: str = '') -> pyarrow.Table:
     """
-    Run laws over grids and draws of parameters, and show which law fails where.
+    Run laws over grids and draws of parameters.
+
+    The results show which law fails where.
 
     Runs that an earlier call has written for the same map are kept.
 
@@ -107,7 +109,7 @@ def compute_map(spec: Mapping[str, Any] | str | Path, out: str | Path, jobs: int
 
 
 class CompleteTable(NamedTuple):
-    """All rows of a table, and the folder that holds it."""
+    """All rows of a table, with their folder."""
 
     table: pyarrow.Table
     folder: OutputFolder
@@ -118,10 +120,10 @@ def complete_table(runs: RunList, out: Path | None, jobs: int, scheduler: str | 
                    overwrite: bool, show: Callable[[str], None],
                    progress: Callable[[int, int], None] | None) -> Iterator[CompleteTable]:
     """
-    Compute the runs that a directory does not have yet; None keeps nothing.
+    Compute the missing runs of a directory.
 
-    No other process writes there until the context ends. Arguments and errors are those of
-    `compute_map`.
+    Nothing is kept without a directory. No other process writes there until the context ends.
+    Arguments and errors are those of `compute_map`.
     """
     required_codes(runs.robot)  # An error of the robot shows here.
     with ExitStack() as stack:
@@ -160,7 +162,7 @@ def complete_table(runs: RunList, out: Path | None, jobs: int, scheduler: str | 
 def _executor(stack: ExitStack, runs: RunList, jobs: int, scheduler: str | None,
               show: Callable[[str], None]
               ) -> Callable[[Collection[Numbers]], Iterator[pyarrow.Table]]:
-    """Return the function that computes chunks; its processes end with `stack`."""
+    """Return a function that computes chunks until `stack` ends."""
     if scheduler is not None:
         client = stack.enter_context(cluster.connect_cluster(scheduler))
         show(format_count(pool.threads(client, show), 'worker'))

@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-Numbers of a map: failures with intervals, comparisons of laws, and Sobol indices.
+Numbers of a map.
+
+These are failures with intervals, comparisons of laws, and Sobol indices.
 
 `map_page` and `map_figures` make a `MapData` of the table that `compute_map` returns. Wilson's
 interval of a failure probability has its ends where the share of failures is z standard deviations
@@ -73,13 +75,15 @@ class GridAxis(NamedTuple):
         return f'{self.name} [{self.unit}]' if self.unit else self.name
 
     def value_text(self, k: int) -> str:
-        """Return the value with an index, with name and unit."""
+        """Return a value with name and unit."""
         return f'{self.name} {self.values[k]:.4g} {self.unit}'.rstrip()
 
 
 def wilson_interval(failures: npt.ArrayLike, runs: npt.ArrayLike) -> tuple[Array, Array]:
     """
-    Return Wilson's 95 % interval of a probability, without correction for continuity.
+    Return Wilson's 95 % interval of a probability.
+
+    There is no correction for continuity.
 
     Parameters
     ----------
@@ -98,7 +102,7 @@ def wilson_interval(failures: npt.ArrayLike, runs: npt.ArrayLike) -> tuple[Array
 
 
 def _score_interval(p: Array, n: Array, z: float) -> tuple[Array, Array]:
-    """Return the ends where a share `p` of `n` runs is `z` standard deviations off."""
+    """Return the ends where `p` is `z` standard deviations off."""
     middle = n * p + 0.5 * z * z
     half = z * np.sqrt(n * p * (1.0 - p) + 0.25 * z * z)
     low = np.where(n * p > 0.0, (middle - half) / (n + z * z), 0.0)
@@ -108,12 +112,12 @@ def _score_interval(p: Array, n: Array, z: float) -> tuple[Array, Array]:
 
 def pooled_interval(failures: npt.ArrayLike, runs: npt.ArrayLike) -> tuple[float, float]:
     """
-    Return the 95 % interval of a probability from runs at several points that share their draws.
+    Return the 95 % interval of a probability from shared draws.
 
-    It is Wilson's interval for fewer runs, with Student's quantile in place of the normal one. So
-    many independent runs would vary as much as the draws do. Where all runs or none fail, there
-    are as many as draws. A bootstrap over draws has no width there, and covers less than 95 % of
-    rare failures.
+    The runs are at several points, with the same draws at each. It is Wilson's interval for fewer
+    runs, with Student's quantile in place of the normal one. So many independent runs would vary
+    as much as the draws do. Where all runs or none fail, there are as many as draws. A bootstrap
+    over draws has no width there, and covers less than 95 % of rare failures.
 
     Parameters
     ----------
@@ -156,7 +160,7 @@ def failure_share(failures: npt.ArrayLike, runs: npt.ArrayLike) -> Array:
 
 def passing_ranges(values: npt.ArrayLike, probability: npt.ArrayLike) -> str:
     """
-    Return the first and last value of each stretch where a law passes, as text.
+    Return the stretches of values where a law passes, as text.
 
     Parameters
     ----------
@@ -178,7 +182,7 @@ def passing_ranges(values: npt.ArrayLike, probability: npt.ArrayLike) -> str:
 
 class MapData:
     """
-    Runs of V variants at the points of a grid.
+    Runs of V variants on a grid.
 
     Parameters
     ----------
@@ -253,7 +257,7 @@ class MapData:
         self.median = self.quantiles[1]
 
     def _extend_to_grid(self) -> None:
-        """Give each point of the grid the numbers of the nearest one that was run."""
+        """Take the numbers of the nearest run at each point."""
         from scipy.ndimage import distance_transform_edt  # type: ignore[import-untyped]
         far = 1e6  # Distance between values of an axis that was not refined.
         spacing = [far ** 2, *(1.0 if axis.name in self.refined else far for axis in self.axes)]
@@ -265,7 +269,7 @@ class MapData:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Number of values of each axis."""
+        """Size of the grid along each axis."""
         return tuple(len(axis.values) for axis in self.axes)
 
     def variant_rows(self, variant: int) -> pandas.DataFrame:
@@ -274,16 +278,16 @@ class MapData:
 
 
 def spaced_indices(n: int, limit: int) -> list[int]:
-    """Return up to `limit` of n indices, evenly spaced, with the first and the last."""
+    """Return up to `limit` of n indices, evenly spaced."""
     return sorted({round(x) for x in np.linspace(0, n - 1, min(n, limit)).tolist()})
 
 
 def compare_with_base(data: MapData, base: int) -> pandas.DataFrame:
     """
-    Count failures of each other law beside those of a base, the worst law first.
+    Count failures of each law beside those of a base.
 
-    Pairs of runs have the same point and draw. Columns are the number of pairs (`runs`), and of
-    those in which only the law fails (`worse`) or only the base (`better`).
+    The worst law is first. Pairs of runs have the same point and draw. Columns are the number of
+    pairs (`runs`), and of those in which only the law fails (`worse`) or only the base (`better`).
     """
     rows = data.rows.assign(failed=data.rows['failure'] != '')
     is_base = rows['variant'] == data.variants[base]
@@ -313,11 +317,11 @@ def passing_values(data: MapData, along: int) -> pandas.DataFrame:
 
 def sobol_indices(values: Array, m: int) -> tuple[Array, Array]:
     """
-    Return Sobol indices for draws of `sampling: saltelli`, with their intervals.
+    Return Sobol indices with their intervals.
 
-    The estimators are SciPy's (Saltelli et al., *Variance based sensitivity analysis of model
-    output*, Computer Physics Communications 181, 2010). Intervals of 95 % are percentiles of a
-    bootstrap.
+    Draws are those of `sampling: saltelli`. The estimators are SciPy's (Saltelli et al., *Variance
+    based sensitivity analysis of model output*, Computer Physics Communications 181, 2010).
+    Intervals of 95 % are percentiles of a bootstrap.
 
     Parameters
     ----------
@@ -350,10 +354,10 @@ def sobol_indices(values: Array, m: int) -> tuple[Array, Array]:
 
 def sobol_table(data: MapData) -> Table:
     """
-    Return the table of Sobol indices: two columns a quantity, a row for each law and result.
+    Return the table of Sobol indices.
 
-    Results are the logarithm of the error, if all runs have one, and whether a run fails. One that
-    does not vary has no row.
+    It has two columns a quantity, and a row for each law and result. Results are the logarithm of
+    the error, if all runs have one, and whether a run fails. One that does not vary has no row.
     """
     rows = []
     for v, name in enumerate(data.variants if data.saltelli else ()):

@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-Figures of a map: errors, and failures with their boundary and its interval.
+Figures of a map.
 
-`map_page` draws them with `figures`. One axis gives lines, two or three give panels of coloured
-cells, and more give no figure.
+They show errors, and failures with their boundary and its interval. `map_page` calls `figures`.
+One axis gives lines, two or three give panels of coloured cells, and more give no figure.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ _BOUNDARY_COLOUR = '#111111'
 
 
 def _set_ticks(ax: Axes, direction: str, grid: GridAxis, limit: int) -> None:
-    """Let an axis have the values of a grid, evenly spaced, up to `limit` of them with a text."""
+    """Space the values of a grid evenly, with up to `limit` ticks."""
     ticks = spaced_indices(len(grid.values), limit)
     ax.set(**{f'{direction}label': grid.label,
               f'{direction}lim': (-0.5, len(grid.values) - 0.5), f'{direction}ticks': ticks,
@@ -70,7 +70,7 @@ def _set_ticks(ax: Axes, direction: str, grid: GridAxis, limit: int) -> None:
 
 
 def draw_lines(data: MapData) -> Figure:
-    """Draw error, median and 5 % to 95 %, and failure probability over the only axis."""
+    """Draw quantiles of the error, and failures, over the axis."""
     (axis,) = data.axes
     figure, grid = drawing.sheet(f'Error and failures over {axis.name}', 2, (1.0,), 3.0)
     errors = drawing.panel(figure, grid[0, 0], 'median of the RMS error, and 5 % to 95 % of it',
@@ -108,7 +108,9 @@ def draw_lines(data: MapData) -> Figure:
 def draw_cells(data: MapData, title: str, values: Array, bar: str, variants: Sequence[int],
                with_boundary: bool = False, **style: Any) -> Figure:
     """
-    Draw numbers as colours, a panel for each variant and value of the third axis.
+    Draw numbers as colours.
+
+    Each variant and value of the third axis has a panel.
 
     Parameters
     ----------
@@ -166,7 +168,7 @@ def draw_cells(data: MapData, title: str, values: Array, bar: str, variants: Seq
 
 
 def _draw_boundary(ax: Axes, failed: Counts, runs: Counts) -> None:
-    """Draw where half of the runs fail, and its interval."""
+    """Draw where half of the runs fail, with interval."""
     x, y = ([-0.5, *range(n), n - 0.5] for n in reversed(runs.shape))
     shares = failure_share(failed, runs), *wilson_interval(failed, runs)
     for values, style in zip(shares, BOUNDARY_LINES.values()):
@@ -179,7 +181,7 @@ def _draw_boundary(ax: Axes, failed: Counts, runs: Counts) -> None:
 
 
 def draw_errors(data: MapData) -> Figure:
-    """Draw the median error, in colours of one logarithmic scale."""
+    """Draw the median error on a logarithmic scale."""
     positive = data.median[np.isfinite(data.median) & (data.median > 0.0)]
     low, high = (positive.min(), positive.max()) if len(positive) else (1e-3, 1.0)
     return draw_cells(
@@ -188,7 +190,7 @@ def draw_errors(data: MapData) -> Figure:
 
 
 def draw_failures(data: MapData) -> Figure:
-    """Draw the share of failures with its boundary, and the interval of this."""
+    """Draw the share of failures with its boundary."""
     # Colours on which the boundary is distinct.
     colours = ListedColormap(colormaps['Oranges'](np.linspace(0.0, 0.6, 256)))
     return draw_cells(
@@ -197,7 +199,7 @@ def draw_failures(data: MapData) -> Figure:
 
 
 def draw_gain(data: MapData, base: int) -> Figure:
-    """Draw by how many decades the median error is less than that of the base."""
+    """Draw the gain in median error over the base [decades]."""
     name = data.variants[base]
     compared = [v for v in range(len(data.variants)) if v != base]
     with np.errstate(divide='ignore', invalid='ignore'):
@@ -211,7 +213,7 @@ def draw_gain(data: MapData, base: int) -> Figure:
 
 
 def figures(data: MapData) -> Iterator[tuple[str, Figure, str]]:
-    """Yield name, figure and caption; none without axes, and for more than three."""
+    """Yield name, figure and caption, for one to three axes."""
     if len(data.axes) == 1:
         yield 'lines', draw_lines(data), (
             'The upper panel shows the error of the worst joint: its median, × where half of the '

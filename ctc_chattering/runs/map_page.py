@@ -48,7 +48,7 @@ import numpy as np
 def write_report(spec: MapSpec, table: Any, directory: Path, extra: str = 'svg',
                  command: str = '') -> Path:
     """
-    Write figures and page of a map beside its results, and return the page.
+    Write figures and page of a map, and return the page.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def write_map_page(data: MapData, files: Sequence[FigureFile], path: Path,
 
 
 def headline(data: MapData) -> str:
-    """Return how often the best and the worst law fail."""
+    """Return the failures of the best and worst law."""
     failed = (data.rows['failure'] != '').groupby(data.rows['variant'], sort=False).mean()
     laws = dict.fromkeys((failed.idxmin(), failed.idxmax()))
     return ', '.join(f'{law} {"" if k else "fails "}in {100.0 * failed[law]:.1f} %'
@@ -137,7 +137,7 @@ def lead(data: MapData) -> str:
 
 
 def failure_table(data: MapData) -> Table:
-    """Return the table of failures, a row a variant and a column a kind."""
+    """Return the table of failures by variant and kind."""
     kinds = [name for name in KINDS if (data.rows['failure'] == name).any()]
     rows = []
     for v, name in enumerate(data.variants):
@@ -157,7 +157,7 @@ def failure_table(data: MapData) -> Table:
 
 
 def _share_text(failed: Any, repeat: Any) -> str:
-    """Return the share of runs that failed, with its interval, if there is one."""
+    """Return the share of failed runs, with any interval."""
     draws = failed.groupby(repeat).agg(['sum', 'count'])
     low, high = pooled_interval(draws['sum'], draws['count'])
     share = f'{100.0 * failed.mean():.1f} %'
@@ -167,7 +167,7 @@ def _share_text(failed: Any, repeat: Any) -> str:
 
 
 def base_tables(data: MapData) -> Iterator[Table]:
-    """Yield the table of the laws against the base, if there are both."""
+    """Yield any table of laws against the base."""
     if data.base is None or len(data.variants) == 1:
         return
     base = data.variants[data.base]
@@ -178,7 +178,7 @@ def base_tables(data: MapData) -> Iterator[Table]:
 
 
 def _passing_tables(data: MapData) -> Iterator[Table]:
-    """Yield a table for each axis of the values that pass, at up to 60 values of the others."""
+    """Yield a table of passing values for each axis."""
     for k, axis in enumerate(data.axes):
         values = passing_values(data, k)
         rows = spaced_indices(len(values), 60)

@@ -40,7 +40,7 @@ Progress = Callable[[str, float, float], None]
 def reproduce(out: str | Path, progress: Progress | None = None, overwrite: bool = False
               ) -> list[Result]:
     """
-    Run the paper's experiments on the nodes, over ROS, and record them.
+    Run and record the paper's experiments on the nodes.
 
     `simulate` gives the same numbers without ROS, and `write_runs` makes figures and a page.
 
@@ -71,7 +71,7 @@ def reproduce(out: str | Path, progress: Progress | None = None, overwrite: bool
 
 
 def record(directory: Path, progress: Progress | None = None) -> list[Result]:
-    """Run the experiments, and record a bag of each in a directory."""
+    """Record a bag of each experiment."""
     from ctc_chattering.bags.reader import read_bag
     from ctc_chattering.launch.graph import run_graph
 

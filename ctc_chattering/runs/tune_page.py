@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Report of a search for gains: text, numbers, figure, page and parameter files.
+Report of a search for gains.
 
 `ctc tune` prints `report_text` of a `Tuning` and calls `write_tuning`. Candidates are the gains of
 other settings and those of the front. Each has a score on the draws of the search and on fresh
@@ -89,12 +89,12 @@ def fact_rows(tuning: Tuning) -> Iterator[tuple[str, str]]:
 
 
 def violation_text(score: GainsScore) -> str:
-    """Return the violated constraints, each with its excess or the share of its runs."""
+    """Return the violated constraints, each with its excess."""
     return ', '.join(f'{name} {x:+.1%}' for name, x in score.excess.items() if x > 0.0)
 
 
 def candidate_table(tuning: Tuning) -> list[list[str]]:
-    """Return the table of candidates, the heads of the columns first."""
+    """Return the table of candidates, with its heads."""
     gains = list(tuning.spec.gains(tuning.trials[0].numbers))
     rows = [['gains', *gains, 'error [rad]', 'fresh', 'variation [N·m/s]', 'fresh',
              'torque [N·m]', 'rate [N·m/s]', 'violates, fresh']]
@@ -112,7 +112,7 @@ def candidate_table(tuning: Tuning) -> list[list[str]]:
 
 
 def _gain_texts(config: ControllerConfig, gains: Sequence[str]) -> Iterator[str]:
-    """Yield the gains of a law, empty for those that it lacks or that follow from others."""
+    """Yield the free gains of a law, and empty texts for others."""
     values = config.as_mapping()
     searched = space(config)
     for name in gains:
@@ -130,7 +130,7 @@ def notes(tuning: Tuning) -> Iterator[str]:
 
 
 def closest_trial_text(trials: Sequence[Trial]) -> str:
-    """Return the number of the trial that comes closest to the limits, and its violations."""
+    """Return the trial closest to the limits, with its violations."""
     excess = [max(trial.score.excess.values()) for trial in trials]
     k = excess.index(min(excess))
     return f'trial {k} comes closest: {violation_text(trials[k].score)}'
@@ -144,7 +144,7 @@ def report_text(tuning: Tuning) -> str:
 
 
 def draw_front(tuning: Tuning) -> Figure:
-    """Draw error over torque variation: trials, the front, its fresh scores, and others."""
+    """Draw error over torque variation of all trials and gains."""
     figure, (ax,) = draw_panels('Error and torque variation', [
         f'bound that {tuning.percentile:g} % of the draws do not exceed'], 'RMS error [rad]', 5.2)
     scores = [x.score for k, x in enumerate(tuning.trials) if k not in tuning.front]
@@ -178,7 +178,7 @@ def draw_front(tuning: Tuning) -> Figure:
 def write_tuning(tuning: Tuning, out: str | Path, extra: str = 'svg', command: str = '',
                  overwrite: bool = False) -> None:
     """
-    Write parameter files, numbers, figures and page of a search for gains.
+    Write all files of a search for gains.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ def write_page(tuning: Tuning, files: Sequence[FigureFile], path: Path, command:
 
 def write_parameters(spec: TuneSpec, point: Candidate, path: Path) -> None:
     """
-    Write the file's parameters with the law and the gains of a point.
+    Write a parameter file with the gains of a point.
 
     Raises
     ------

@@ -129,10 +129,10 @@ class Run:
 
 @np.errstate(all='ignore')  # An overflow gives a torque that is not finite.
 def run_closed_loop(plant: PlantConfig, controller: ControllerConfig, reference: ReferenceConfig,
-             events: Sequence[Event] = (),
-             progress: Callable[[float], None] | None = None, truth: bool = False,
-             route: Route | None = None, robot: Plant | None = None,
-             model: Model | None = None) -> Run:
+                    events: Sequence[Event] = (),
+                    progress: Callable[[float], None] | None = None, truth: bool = False,
+                    route: Route | None = None, robot: Plant | None = None,
+                    model: Model | None = None) -> Run:
     """
     Return the samples of the closed loop.
 

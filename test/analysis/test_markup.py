@@ -34,8 +34,8 @@ from ctc_chattering.analysis.tables import bold, columns, markdown, markdown_tab
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.identification import results as identification
 from ctc_chattering.identification.gains import recommend
-from ctc_chattering.identification.identify import identify
-from ctc_chattering.identification.perturbation import perturbation
+from ctc_chattering.identification.identify import identify_recordings
+from ctc_chattering.identification.perturbation import measure_perturbation
 from ctc_chattering.output_files import file_stem
 from ctc_chattering.runs.compare_page import Outcome, to_markdown
 from ctc_chattering.runs.compare_page import write_page as write_comparison_page
@@ -111,8 +111,8 @@ def of_a_search(name: str, out: Path) -> None:
 @lru_cache(1)
 def identified() -> identification.IdentificationResults:
     recording = short(duration=3.0).recording
-    found = identify([recording], TwoLink())
-    run = perturbation(found, False)
+    found = identify_recordings([recording], TwoLink())
+    run = measure_perturbation(found, False)
     return identification.IdentificationResults('', found, run, recommend(found, run, TwoLink()))
 
 

@@ -206,7 +206,7 @@ def test_torques_beside_the_states_in_a_table(tmp_path: Path) -> None:
     assert heads == 't [s],tau_joint1 [N·m],tau_joint2 [N·m]'
     sent = recorded(tmp_path / 'bag', COMMANDS).rows('data')
     assert [[float(x) for x in row.split(',')[1:]] for row in rows] == sent.tolist()
-    assert f'{len(sent)} torques: ' in done.stdout
+    assert f'{len(sent)} torques were written to ' in done.stdout
     assert 'not every state has one command that answers it' in done.stdout
 
 

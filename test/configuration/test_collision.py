@@ -73,9 +73,11 @@ def test_the_nearest_approach_of_balls_is_the_least_of_all_samples(seed: int) ->
     links, q = checked(balls()), path(seed)
     assert links.pairs == [('a', 'b')]
     expected = between(q)
-    spare, text = links.nearest(np.arange(float(len(q))), q)
-    assert spare == pytest.approx(expected.min() / 0.02 - 1.0, abs=1e-4)
-    assert f'{expected.min():.2g} m, a and b at {expected.argmin()}.0 s' in text
+    approach = links.nearest(np.arange(float(len(q))), q)
+    assert approach.distance == pytest.approx(expected.min(), abs=2e-6)
+    assert (approach.links, approach.t, approach.required) == (
+        ('a', 'b'), float(expected.argmin()), 0.02)
+    assert approach.spare == pytest.approx(expected.min() / 0.02 - 1.0, abs=1e-4)
 
 
 def test_boxes_and_a_slide_are_at_the_distance_of_their_faces() -> None:
@@ -86,10 +88,10 @@ def test_boxes_and_a_slide_are_at_the_distance_of_their_faces() -> None:
     assert links.pairs == [('a', 'b')]  # Each is joined to the base.
     q = np.column_stack([np.linspace(0.0, 0.3, 100), np.linspace(0.0, -0.4, 100)])
     t = np.arange(100.0)
-    assert links.nearest(t, q)[0] == pytest.approx((1.0 - 0.7 - 0.2) / 0.02 - 1.0, abs=1e-4)
+    assert links.nearest(t, q).spare == pytest.approx((1.0 - 0.7 - 0.2) / 0.02 - 1.0, abs=1e-4)
     q[:, 1] *= 2.0
-    spare, text = links.nearest(t, q)
-    assert spare < -1.0 and 'they touch, a and b' in text
+    approach = links.nearest(t, q)
+    assert approach.distance < 0.0 and approach.links == ('a', 'b')
 
 
 def test_links_near_each_other_at_rest_keep_half_of_that_and_touching_ones_are_named() -> None:
@@ -97,18 +99,18 @@ def test_links_near_each_other_at_rest_keep_half_of_that_and_touching_ones_are_n
     distance = float(between(np.array([rest]))[0])
     assert 0.0 < distance < 0.5
     near = checked(balls(), rest, clearance=1.0)
-    assert near.nearest(np.zeros(1), np.array([rest]))[0] == pytest.approx(1.0, abs=1e-4)
+    assert near.nearest(np.zeros(1), np.array([rest])).spare == pytest.approx(1.0, abs=1e-4)
     wide = balls(arm('c', shape('<sphere radius="0.1"/>', '1 0 0'), 9.0)).replace(
         'radius="0.1"', 'radius="0.6"', 1)
     assert checked(wide, rest).touching == ['a and b']
     assert checked(wide, rest).pairs == [('a', 'c'), ('b', 'c')]
 
 
-def test_a_floor() -> None:
+def test_links_keep_their_distance_from_a_floor() -> None:
     links = checked(balls(), floor=-0.3)
     assert links.pairs == [('a', 'b'), ('a', 'the floor'), ('b', 'the floor')]
     q = path(0)
-    assert links.nearest(np.zeros(1), q[:1])[0] == pytest.approx(0.15 / 0.02 - 1.0, abs=1e-3)
+    assert links.nearest(np.zeros(1), q[:1]).spare == pytest.approx(0.15 / 0.02 - 1.0, abs=1e-3)
 
 
 def test_missing_meshes_and_bare_links_are_named(tmp_path: Path) -> None:

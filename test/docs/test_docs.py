@@ -30,10 +30,10 @@ from ctc_chattering.cli.ctc import COMMANDS
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.node_parameters import NODE_DESCRIPTIONS
 from ctc_chattering.configuration.package_share import find_config
+from ctc_chattering.configuration.topics import TOPICS
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.control.laws.registry import law_class, LAWS
 from ctc_chattering.control.settings import HANDOVER_DURATION_S
-from ctc_chattering.ros.topics import TOPICS
 from ctc_chattering.runs.conditions import find_condition
 from ctc_chattering.runs.recommended import gains_by_rule
 import pytest

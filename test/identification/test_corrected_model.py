@@ -20,8 +20,12 @@ from functools import cache
 
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.identification.findings import ALL_JOINTS, Reason
-from ctc_chattering.identification.identified_robot import corrected_description, correction_notes
-from ctc_chattering.identification.identify import Identification, identify
+from ctc_chattering.identification.identified_robot import (
+    corrected_description,
+    correction_findings,
+)
+from ctc_chattering.identification.identify import Identification, identify_recordings
+from ctc_chattering.identification.sentences import verdict_text
 from ctc_chattering.identification.verdict import verdicts
 from ctc_chattering.numerics.linear_algebra import Array
 from faults_of_arms import case, recorded
@@ -53,12 +57,12 @@ def identified(name: str, fault: str, seed: int, duration: float = 15.0
     one = case(name, fault, seed, duration)
     recording = recorded(one, seed, duration)[1].checked()
     urdf, joints = arm(name).urdf, one.robot.joints
-    return one.robot, urdf, identify([recording], UrdfModel(urdf, joints))
+    return one.robot, urdf, identify_recordings([recording], UrdfModel(urdf, joints))
 
 
 @pytest.mark.parametrize('fault', [
     'forearm', pytest.param('tilt', marks=pytest.mark.slow), 'plain'])
-def test_two_links(fault: str) -> None:
+def test_the_corrected_model_of_two_links_is_right(fault: str) -> None:
     """The right model stays; 1 kg more, or a turned base, is in the corrected one."""
     robot, urdf, found = identified('two_link_urdf', fault, 1, 10.0)
     text = corrected_description(found, urdf)
@@ -73,22 +77,23 @@ def test_two_links(fault: str) -> None:
 @pytest.mark.parametrize('name', ['ur5', 'panda'])
 @pytest.mark.parametrize('fault', ['rotor', 'tilt', 'centres', 'forearm', 'payload'])
 @pytest.mark.parametrize('seed', range(2))
-def test_faulty_robots(name: str, fault: str, seed: int) -> None:
+def test_corrected_models_of_faulty_robots_are_closer(name: str, fault: str, seed: int) -> None:
     """Closer on every joint whose model was wrong, never worse than by a trifle."""
     robot, urdf, found = identified(name, fault, seed)
     text = corrected_description(found, urdf)
-    assert text, list(map(str, verdicts(found)))
+    assert text, list(map(verdict_text, verdicts(found)))
     before, after = errors(robot, [urdf, text], seed)
     assert (after < 0.2 * before + 1e-3 * before.max()).all()
 
 
-def test_what_the_corrected_urdf_has_is_noted() -> None:
+def test_the_changes_of_the_corrected_urdf_are_noted() -> None:
     """A turned base needs care, since it is mounted otherwise than the URDF says."""
-    for fault, reasons in (('forearm', [Reason.NOTE]), ('tilt', [Reason.NOTE, Reason.MOUNT])):
+    for fault, reasons in (('forearm', [Reason.CORRECTED]),
+                           ('tilt', [Reason.CORRECTED, Reason.MOUNT])):
         _, _, found = identified('two_link_urdf', fault, 1, 10.0)
-        notes = [x for x in correction_notes(found, 'x.urdf') if x.joint == ALL_JOINTS]
+        notes = [x for x in correction_findings(found, 'x.urdf') if x.joint == ALL_JOINTS]
         assert [x.reason for x in notes] == reasons
-        assert all('x.urdf' in x.text for x in notes)
+        assert all(x.values['file'] == 'x.urdf' for x in notes)
     assert found.bodies is not None
-    assert f'turned by {np.degrees(found.bodies.turn):.2g} degrees' in notes[-1].text
+    assert notes[-1].values['degrees'] == pytest.approx(np.degrees(found.bodies.turn))
     assert corrected_description(found, '') == ''

@@ -18,13 +18,12 @@ from __future__ import annotations
 
 from ctc_chattering.dynamics.drive_response import response
 from ctc_chattering.identification.drives import (
-    COMMAND,
     Drive,
-    driven,
     known_torque,
+    mean_drive_torque,
     weak_torque,
 )
-from ctc_chattering.identification.stretches import Stretch
+from ctc_chattering.identification.stretches import COMMAND, Stretch
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -43,7 +42,7 @@ def test_the_mean_torque_of_a_lagging_drive_solves_its_equation(lag: float) -> N
         rate = (commands[min(int(t / H), 39)] - x[0]) / lag
         return np.array([rate, x[0]])
     # At rest before.
-    found = driven(np.append(0.0, commands)[:, None], np.array([lag]), np.inf, H)[1:, 0]
+    found = mean_drive_torque(np.append(0.0, commands)[:, None], np.array([lag]), np.inf, H)[1:, 0]
     if not lag:
         assert np.array_equal(found, commands)
         return
@@ -81,7 +80,7 @@ def test_a_rate_limit_is_that_of_the_simulated_drives(lag: float, rate: float) -
             end, area = response(command - torque, *limits, H)
         expected.append(command + area[0] / H)
         torque = command + end
-    found = driven(commands[:, None], *limits, H)
+    found = mean_drive_torque(commands[:, None], *limits, H)
     assert found[:, 0] == pytest.approx(expected, abs=1e-9)
 
 

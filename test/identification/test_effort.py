@@ -16,14 +16,25 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.identification.drives import COMMAND, EFFORT
-from ctc_chattering.identification.effort import in_torques, torque_source
-from ctc_chattering.identification.recording import Recording
-from ctc_chattering.identification.stretches import Stretch
+from ctc_chattering.identification.effort import (
+    choose_source,
+    convert_effort,
+    estimate_current_constants,
+    scale_by_payload,
+)
+from ctc_chattering.identification.findings import Reason, Severity
+from ctc_chattering.identification.recording import Recording, RecordingFault
+from ctc_chattering.identification.stretches import COMMAND, EFFORT, Stretch
 from ctc_chattering.numerics.linear_algebra import Array
+from made_up_windows import arm_windows, observed
 import numpy as np
+from panda_torques import JOINTS, panda_torque
 import pytest
+from refusals import refused
+import urdfs
 
 VALUES = np.array([[1.0, 2.0], [3.0, -4.0], [0.0, 5.0]])
 MEASURED = Recording('measured', ('a', 'b'), np.arange(3.0), np.zeros((3, 2)), effort=VALUES)
@@ -37,7 +48,7 @@ BARE = Recording('bare', ('a', 'b'), np.arange(3.0), np.zeros((3, 2)), command=V
     ('link', [-1.0, -1.0], [-1.0, -1.0], 'link')])
 def test_the_effort_becomes_the_torque_at_the_joint(
         side: str, constant: list[float] | None, factor: list[float], then: str) -> None:
-    (found, bare), now = in_torques([MEASURED, BARE], side, constant)
+    (found, bare), now = convert_effort([MEASURED, BARE], side, constant)
     assert found.effort == pytest.approx(VALUES * factor, rel=1e-15)
     assert bare.effort is None and bare.command is BARE.command
     assert now == then
@@ -45,21 +56,21 @@ def test_the_effort_becomes_the_torque_at_the_joint(
 
 def test_arguments_that_contradict_each_other_are_refused() -> None:
     with pytest.raises(CtcError, match=r'^torque_constant needs --effort'):
-        in_torques([MEASURED], '', [0.1, 0.1])
+        convert_effort([MEASURED], '', [0.1, 0.1])
     with pytest.raises(CtcError, match=r'^effort motor: bare has no effort$'):
-        in_torques([BARE], 'motor', None)
+        convert_effort([BARE], 'motor', None)
 
 
 @pytest.mark.parametrize('wrong', [0, [1.0], [1.0, 0.0], [1.0, np.nan], np.inf, ['a', 'b'], True])
-def test_a_factor_that_is_none_is_refused(wrong: object) -> None:
+def test_a_wrong_torque_constant_is_refused(wrong: object) -> None:
     with pytest.raises(ParameterError, match=r'^torque_constant: '):
-        in_torques([MEASURED], 'motor', wrong)  # type: ignore[arg-type]
+        convert_effort([MEASURED], 'motor', wrong)  # type: ignore[arg-type]
 
 
 def test_recordings_of_other_joints_are_named() -> None:
     one = Recording('one', ('a',), np.arange(3.0), np.zeros((3, 1)), effort=np.ones((3, 1)))
-    with pytest.raises(CtcError, match=r'^one: 1 joints; measured has 2$'):
-        in_torques([MEASURED, one], 'motor', [2.0, 2.0])
+    with refused(RecordingFault.JOINTS):
+        convert_effort([MEASURED, one], 'motor', [2.0, 2.0])
 
 
 def stretch(effort: Array | None, command: Array | None) -> Stretch:
@@ -73,10 +84,60 @@ def stretch(effort: Array | None, command: Array | None) -> Stretch:
     (VALUES, None, 'current', EFFORT)])
 def test_commands_count_unless_an_effort_is_of_the_motor(
         effort: Array | None, command: Array | None, side: str, source: str) -> None:
-    assert torque_source([stretch(effort, command)], side, 'bag') == source
+    assert choose_source([stretch(effort, command)], side, 'bag') == source
 
 
-def test_an_effort_of_which_nothing_is_said_is_refused() -> None:
-    with pytest.raises(CtcError, match=r'^bag: .*--effort motor .*--effort current .*--effort '
-                       'link'):
-        torque_source([stretch(VALUES, None)], '', 'bag')
+def test_an_effort_of_unknown_kind_is_refused() -> None:
+    with refused(RecordingFault.TORQUE):
+        choose_source([stretch(VALUES, None)], '', 'bag')
+
+
+def test_currents_get_their_constants_from_the_model() -> None:
+    """A joint whose current shows neither weight nor inertia is refused."""
+    constant = np.array([20.0, -8.0, 5.0, 5.0, 3.0, 3.0, 2.0])
+    rows, _, torque = panda_torque()
+    current = torque / constant
+    current[:, 6] = np.random.default_rng(0).normal(size=len(current))
+    found = estimate_current_constants(
+        observed(rows, current), np.zeros_like(current), np.zeros(7))
+    assert found.constant[:4] == pytest.approx(constant[:4], rel=0.05)
+    for value, estimate in zip(constant[:6], found.estimates):
+        assert estimate.value == pytest.approx(value, abs=1.25 * estimate.half)
+    assert [(x.reason, x.severity) for x in found.findings] == [
+        *[(Reason.URDF_CONSTANT, Severity.CARE)] * 6, (Reason.NO_CONSTANT, Severity.REFUSED)]
+
+
+def test_a_rotor_that_may_be_all_the_inertia_gives_no_constant() -> None:
+    """Of the light last joint, which carries no weight; the others stay as they are."""
+    rows, _, torque = panda_torque()
+    rotors = np.zeros((7, 7))
+    rotors[6, 6] = 1.0
+    felt = rows.bodies[:, :, 70:77] @ rotors.sum(axis=0)
+    data = observed(rows, (torque + felt) / 2.0)
+    sure, doubtful = (
+        estimate_current_constants(data, x, np.zeros(7)) for x in (0.0 * felt, felt))
+    assert sure.findings[6].severity == Severity.CARE and sure.constant[6] < 0.2
+    assert doubtful.findings[6].severity == Severity.REFUSED
+    assert doubtful.constant[:4] == pytest.approx(2.0, rel=0.05)
+    limits = np.array([80.0, 80.0, 80.0, 80.0, 40.0, 40.0, 20.0])
+    assumed = estimate_current_constants(data, felt, limits)
+    assert assumed.constant[6] == pytest.approx(0.5, rel=0.1)
+    assert assumed.estimates[6].half == assumed.constant[6]
+    assert (assumed.findings[6].reason, assumed.findings[6].severity) == (
+        Reason.OTHERS_CONSTANT, Severity.CARE)
+
+
+def test_a_known_payload_tells_torque_constants_from_masses() -> None:
+    """Half of the windows have it; without it a scale and the masses look the same."""
+    rows, prior, torque = panda_torque()
+    loaded, _ = arm_windows(urdfs.panda(), JOINTS, 500)
+    extra = 0.3 * loaded.weight
+    extra[:250] = 0.0
+    heavy = dataclasses.replace(rows, model_torque=rows.model_torque + extra,
+                                weight=rows.weight + extra)
+    scale = np.array([0.9, 1.1, 1.0, 0.95, 1.0, 1.05, 1.0])
+    data, constants = scale_by_payload(observed(heavy, (torque + extra) * scale), prior)
+    for joint in (1, 3):
+        assert constants[joint].value == pytest.approx(1.0 / scale[joint], rel=0.02)
+        assert data.torque[:, joint] == pytest.approx(
+            (torque + extra)[:, joint], rel=0.05, abs=0.5)

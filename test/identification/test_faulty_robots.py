@@ -126,7 +126,7 @@ def test_a_wrong_number_is_counted_unless_something_warns_of_its_joint() -> None
 @pytest.mark.parametrize(('low', 'high', 'holds', 'wrong'), [
     (0.99, 1.02, True, False), (1.005, 1.01, False, False), (1.04, 1.06, False, True),
     (1.04, 1.30, False, False), (0.90, 0.94, False, True)])
-def test_wrong_is_beyond_two_halves_and_two_per_cent(
+def test_a_wrong_number_is_off_by_two_half_intervals_and_two_per_cent(
         low: float, high: float, holds: bool, wrong: bool) -> None:
     number = Number('coulomb', 0, low, high, (1.0, 1.0), 1.0)
     assert (number.holds, number.wrong) == (holds, wrong)

@@ -20,16 +20,15 @@ import dataclasses
 from functools import cache
 
 from ctc_chattering.dynamics.two_link import TwoLink
-from ctc_chattering.identification.findings import Estimate, Severity
+from ctc_chattering.identification.findings import Estimate, Reason, Severity
 from ctc_chattering.identification.gains import torque_rate
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import (
-    MARGIN,
+    measure_perturbation,
     MeasuredPerturbation,
-    perturbation,
-    perturbation_bound,
     tail_bound,
 )
+from ctc_chattering.identification.perturbation_bound import bound_perturbation, MARGIN
 from ctc_chattering.numerics.linear_algebra import Array
 from identified_robots import identified, Recorded
 import numpy as np
@@ -47,7 +46,7 @@ def base() -> Identification:
 
 @cache
 def measured() -> MeasuredPerturbation:
-    return perturbation(base(), False)
+    return measure_perturbation(base(), False)
 
 
 def with_torque(found: Identification, added: Array) -> Identification:
@@ -65,28 +64,30 @@ class Limited(TwoLink):
 
 
 def test_friction_at_the_limits_is_that_of_the_robot() -> None:
-    found = perturbation_bound(base(), measured(), Limited(9.81), False)
+    found = bound_perturbation(base(), measured(), Limited(9.81), False)
     largest = np.array(made().plant.coulomb_friction) + np.multiply(
         made().plant.viscous_friction, [6.0, 8.0])
     assert found.friction == pytest.approx(largest, rel=1e-2)
     assert (found.ka >= 0.999 * MARGIN * largest).all() and (found.ka < 1.3 * largest).all()
-    assert 'in the run |P| is at most' in found.reason and not found.findings
+    assert found.velocity.tolist() == [6.0, 8.0] and not found.findings
 
 
 def test_without_limits_the_speed_of_the_run_counts() -> None:
-    found = perturbation_bound(base(), measured(), made().model, False)
+    found = bound_perturbation(base(), measured(), made().model, False)
     assert found.peak == pytest.approx(measured().peak, rel=0.02)
-    assert 'the speed of the run where there is none' in found.reason
+    fastest = np.abs(base().fit.data.windows.velocity).max(axis=0)
+    assert (found.velocity <= fastest).all() and (found.velocity > 0.8 * fastest).all()
 
 
 def test_ka_is_cut_to_what_the_drive_gives() -> None:
     model = Limited(9.81)
     model.effort_limits = (500.0, 12.0)
-    found = perturbation_bound(base(), measured(), model, False)
+    found = bound_perturbation(base(), measured(), model, False)
     assert found.ka[1] == 12.0
     (finding,) = found.findings
-    assert (finding.severity, finding.joint) == (Severity.CARE, 1)
-    assert 'cut to its effort limit, 12 N*m' in finding.text
+    assert (finding.reason, finding.severity, finding.joint) == (
+        Reason.KA_CUT, Severity.CARE, 1)
+    assert finding.values['effort'] == 12.0
 
 
 @pytest.mark.parametrize('size', [30.0, 185.0])
@@ -94,10 +95,11 @@ def test_an_outlier_is_named_and_does_not_count(size: float) -> None:
     added = np.zeros_like(base().fit.data.torque)
     k = int(np.flatnonzero(base().fit.data.used.all(axis=1))[40])
     added[k, 0] = size
-    run = perturbation(with_torque(base(), added), False)
+    run = measure_perturbation(with_torque(base(), added), False)
     assert run.peak == pytest.approx(measured().peak, rel=0.02)
     (finding,) = run.outliers()
-    assert finding.joint == 0 and f'{run.t[k]:.2f} s' in finding.text
+    assert (finding.reason, finding.joint) == (Reason.OUTLIERS, 0)
+    assert finding.values['t'] == run.t[k]
     assert not list(measured().outliers())
 
 
@@ -112,7 +114,7 @@ def test_the_tail_is_that_of_the_distribution() -> None:
 
 def test_errors_of_the_model_are_in_the_perturbation() -> None:
     error = 5.0 * np.sin(measured().t)[:, None] * [1.0, 0.0]
-    assert perturbation(with_torque(base(), error), False).tail[0] > 3.0
+    assert measure_perturbation(with_torque(base(), error), False).tail[0] > 3.0
 
 
 def test_the_rate_is_within_what_drives_give() -> None:
@@ -122,13 +124,14 @@ def test_the_rate_is_within_what_drives_give() -> None:
     found, (slow,) = torque_rate(dataclasses.replace(base(), rate=rate), needed)
     late = 1.0 + 2e3 * base().timing.delays[0][2]
     assert found == pytest.approx([1000.0, 4000.0 / late[1]])
-    assert slow.joint == 0 and '1e+03 N*m/s; 2e+03' in slow.text
+    assert (slow.reason, slow.joint) == (Reason.SLOW_DRIVE, 0)
+    assert (slow.values['rate'], slow.values['needed']) == (1000.0, 2000.0)
     assert torque_rate(base(), needed, (300.0, 300.0)).rate.tolist() == [300.0, 300.0]
     # Drives that begin without torque carry the arm within 0.03 s, if that is more.
     free = dataclasses.replace(base(), rate=[])
     assert torque_rate(free, needed, weight=np.array([120.0, 1.0])).rate[0] == 4000.0
     _, (unknown,) = torque_rate(free, needed)
-    assert 'not known' in unknown.text and '--torque-rate' in unknown.text
+    assert unknown.reason == Reason.NO_RATE
 
 
 def test_ka_holds_the_largest_viscous_friction_of_its_interval() -> None:
@@ -136,6 +139,6 @@ def test_ka_holds_the_largest_viscous_friction_of_its_interval() -> None:
     viscous = base().friction[1].viscous
     wide = dataclasses.replace(viscous, half=viscous.half + 0.5)
     friction = [base().friction[0], dataclasses.replace(base().friction[1], viscous=wide)]
-    before, after = (perturbation_bound(x, measured(), Limited(9.81), False).friction
+    before, after = (bound_perturbation(x, measured(), Limited(9.81), False).friction
                      for x in (base(), dataclasses.replace(base(), friction=friction)))
     assert after - before == pytest.approx([0.0, 0.5 * 8.0])

@@ -23,7 +23,7 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.prior import (
     BodyPrior,
     covariance_of,
-    LEAST_EIGENVALUE,
+    MIN_EIGENVALUE,
     PhysicalBounds,
 )
 from ctc_chattering.identification.regressor import BodyRegressor
@@ -70,7 +70,7 @@ def test_a_sensor_behind_the_gear_feels_no_rotor() -> None:
     _, regressor = prior_of(urdfs.panda(), urdfs.PANDA)
     prior = BodyPrior.of(regressor, UNCERTAINTY, rotors_show=False)
     assert prior.transform.shape == (80, 72) and not prior.mean.any()
-    assert not prior.transform[70:77].any() and not prior.bounds.least
+    assert not prior.transform[70:77].any() and not prior.bounds.minimum
     _, given = prior_of(urdfs.panda().replace(
         '<limit', '<dynamics damping="0" rotor_inertia="0.1"/><limit'), urdfs.PANDA)
     assert BodyPrior.of(given, UNCERTAINTY, rotors_show=False).transform.shape == (80, 79)
@@ -123,7 +123,7 @@ def test_the_nearest_physical_bodies_are_those_of_a_general_solver(seed: int) ->
         lower = np.zeros((n, 4, 4))
         rows, columns = np.tril_indices(4)
         lower[:, rows, columns] = y[:10 * n].reshape(n, 10)
-        values = [parameters_of(x @ x.T) + LEAST_EIGENVALUE * row
+        values = [parameters_of(x @ x.T) + MIN_EIGENVALUE * row
                   for x, row in zip(lower, known[:10 * n].reshape(n, 10))]
         x = inverse @ (np.concatenate([*values, np.square(y[10 * n:11 * n])]) - known)
         return np.concatenate((x, y[11 * n:]))
@@ -148,7 +148,7 @@ def test_unknowns_inside_the_bounds_stay() -> None:
 
 
 def test_an_unknown_at_its_bound_is_exactly_there() -> None:
-    bounds = PhysicalBounds().with_least({0: -1.0, 2: 0.0})
+    bounds = PhysicalBounds().with_minimum({0: -1.0, 2: 0.0})
     information = np.array([[2.0, 0.5, 0.3], [0.5, 1.0, 0.0], [0.3, 0.0, 4.0]])
     found = bounds.nearest(np.array([0.5, 0.2, -3.0]), information)
     # With x2 = 0 the others follow by least squares.

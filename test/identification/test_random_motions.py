@@ -23,13 +23,13 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.trajectory_file import read_trajectory, write_trajectory
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import ParameterError
-from ctc_chattering.identification.excite import AssumedFriction, gains, sticking
+from ctc_chattering.identification.excite import AssumedFriction, LoopGains, sticking
 from ctc_chattering.identification.random_motions import (
     Bounds,
     bounds_of,
     Excitation,
     ExcitationConfig,
-    multisine,
+    Multisine,
     random_motion,
 )
 from ctc_chattering.trajectory.joint_limits import read_limits
@@ -40,7 +40,7 @@ from urdfs import joint, link, urdf
 
 
 def test_a_multisine_has_its_frequencies_and_is_at_rest_at_its_ends() -> None:
-    t, points, largest = multisine(40.0, 3, np.random.default_rng(0))
+    t, points, largest = Multisine.draw(40.0, 3, np.random.default_rng(0))
     assert np.abs(points[[0, -1]]).max() < 1e-9 * largest.max()
     assert (np.abs(points).max(axis=0) <= 1.001 * largest).all()
     assert (np.abs(points).max(axis=0) > 0.9 * largest).all()
@@ -56,7 +56,7 @@ def test_a_multisine_has_its_frequencies_and_is_at_rest_at_its_ends() -> None:
     assert power[frequency < 0.55].sum() > 0.99 * power.sum()
 
 
-def test_a_motion_is_what_the_reference_plays_of_its_waypoints() -> None:
+def test_the_reference_plays_a_motion_from_its_waypoints() -> None:
     n = 3
     config = ExcitationConfig(('a', 'b', 'c'), 45.0, (0.3, 0.0, -0.2), (0.0, 0.1, 0.2), poses=2)
     bounds = Bounds(np.array(config.center), *(np.full(n, x) for x in (0.8, 1.0, 4.0)))
@@ -124,7 +124,7 @@ def test_joints_creep_at_every_pose() -> None:
 ROOT = Path(__file__).parents[2]
 
 
-def test_what_friction_holds_is_found_at_a_corner_of_its_box() -> None:
+def test_friction_holds_most_at_a_corner_of_its_box() -> None:
     setup = parameter_file.load(ROOT / 'config' / 'ur5.yaml')
     robot = model_of(setup.controller, setup.descriptions['controller'])
     kp = np.linspace(50.0, 100.0, 6)
@@ -138,10 +138,11 @@ def test_what_friction_holds_is_found_at_a_corner_of_its_box() -> None:
 
 
 def test_gains_rise_only_where_friction_holds_too_much_and_with_the_delay() -> None:
-    kp, kv, slow = np.array([100.0, 100.0, 100.0]), np.array([50.0, 50.0, 50.0]), np.full(3, 0.3)
-    higher, damping = gains(kp, kv, np.array([0.01, 0.6, 60.0]), slow, 0.001)
+    gains, slow = LoopGains(np.full(3, 100.0), np.full(3, 50.0)), np.full(3, 0.3)
+    hold = np.array([0.01, 0.6, 60.0])
+    higher, damping = gains.raised(hold, slow, 0.001)
     assert higher == pytest.approx([100.0, 1000.0, 2500.0])
     assert damping == pytest.approx([50.0, 64.0, 100.0])
-    higher, damping = gains(kp, kv, np.array([0.01, 0.6, 60.0]), slow, 0.01)
+    higher, damping = gains.raised(hold, slow, 0.01)
     assert higher == pytest.approx([100.0, 100.0, 100.0])
-    assert damping == pytest.approx(kv)
+    assert damping == pytest.approx(gains.kv)

@@ -20,9 +20,10 @@ import dataclasses
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.findings import ALL_JOINTS, Reason, Severity
 from ctc_chattering.identification.recorder_faults import repair
-from ctc_chattering.identification.recording import Recording
+from ctc_chattering.identification.recording import Recording, RecordingFault
 import numpy as np
 import pytest
+from refusals import refused
 
 H = 0.008
 T = np.asarray(H * np.arange(3000), float)
@@ -50,8 +51,8 @@ def test_states_that_a_broadcaster_repeats_are_left_out(count: int) -> None:
     assert np.array_equal(recording.q, Q)
     assert recording.dq is not None and len(recording.dq) == len(T)
     assert recording.period == pytest.approx(H, rel=1e-3)
-    assert finding.severity == Severity.NOTE
-    assert f'recorded about {count} times' in finding.text
+    assert (finding.reason, finding.severity) == (Reason.REPETITIONS, Severity.NOTE)
+    assert finding.values['mean'] == pytest.approx(count, rel=0.01)
 
 
 def test_uneven_repetitions_are_left_out() -> None:
@@ -61,7 +62,8 @@ def test_uneven_repetitions_are_left_out() -> None:
     t = np.asarray(0.004 * np.arange(len(rows)), float)
     recording, (finding,) = repair(dataclasses.replace(
         SMOOTH, t=t, q=Q[rows], dq=None, effort=3.0 * Q[rows]))
-    assert np.array_equal(recording.q, Q) and 'about 2.5 times' in finding.text
+    assert np.array_equal(recording.q, Q)
+    assert finding.values['mean'] == pytest.approx(2.5, rel=0.01)
 
 
 @pytest.mark.parametrize('step', [1e-3, 2e-2])
@@ -80,8 +82,9 @@ def test_turns_that_a_driver_does_not_count_are_counted_and_named() -> None:
     assert (np.abs(np.diff(wrapped[:, 0])) > 6.0).sum() == 3
     recording, (finding,) = repair(dataclasses.replace(SMOOTH, q=wrapped))
     assert recording.q == pytest.approx(turning, abs=1e-12)
-    assert finding.severity == Severity.NOTE
-    assert finding.text == 'run: the position of a jumps by a turn 3 times; its turns are counted'
+    assert (finding.reason, finding.severity, finding.joint) == (
+        Reason.TURNS_COUNTED, Severity.NOTE, 0)
+    assert finding.values['count'] == 3
 
 
 @pytest.mark.parametrize('every', [2, 12, 60])
@@ -89,8 +92,7 @@ def test_a_second_source_of_states_is_named(every: int) -> None:
     """A joint_state_publisher says 0 for all joints, beside the robot."""
     q, effort = SMOOTH.q.copy(), 3.0 * Q
     q[::every] = 0.0
-    with pytest.raises(CtcError, match=r'run: \d+ of 3000 states jump and come back, those of a '
-                       r'by .* A second source, as a joint_state_publisher'):
+    with refused(RecordingFault.SOURCES):
         repair(dataclasses.replace(SMOOTH, q=q, effort=effort))
 
 
@@ -113,7 +115,7 @@ def test_stamps_of_reception_need_care() -> None:
     _, (finding,) = repair(dataclasses.replace(SMOOTH, t=T + late))
     assert (finding.reason, finding.severity, finding.joint) == (
         Reason.STAMPS, Severity.CARE, ALL_JOINTS)
-    assert 'at a period of' in finding.text and 'stamps that the driver gives' in finding.cure
+    assert finding.values['period_ms'] == pytest.approx(1e3 * H, rel=0.05)
 
 
 def test_stamps_that_are_coarser_than_the_period_are_refused() -> None:
@@ -128,4 +130,4 @@ def test_stamps_that_are_coarser_than_the_period_are_refused() -> None:
 def test_dropped_messages_are_the_first_reason(dropped: int, severity: Severity) -> None:
     _, findings = repair(dataclasses.replace(held(2), dropped=dropped))
     assert findings[0].reason is Reason.DROPPED and findings[0].severity == severity
-    assert findings[0].text.startswith(f'The recorder of run dropped {dropped} messages')
+    assert findings[0].values['count'] == dropped

@@ -95,7 +95,7 @@ def test_it_is_ridge_regression_with_the_noise_of_each_joint(share: float) -> No
     m = unknowns.count
     expected = np.linalg.lstsq(np.vstack((columns, np.eye(m))),
                                np.concatenate((target, unknowns.mean)), rcond=None)[0]
-    assert unknowns.bounds.keep(expected)
+    assert unknowns.bounds.allow(expected)
     assert solution.value == pytest.approx(expected, abs=1e-6)
     length = np.repeat(solution.noise.correlation, COUNT)[:, None]
     inverse = np.linalg.inv(columns.T @ columns + np.eye(m))

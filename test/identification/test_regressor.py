@@ -90,11 +90,11 @@ def test_a_rotor_and_a_tilt_have_their_torques() -> None:
     q, dq = motion(2)
     ddq = np.gradient(dq, H, axis=0)
     assert columns[:, 1, first + 1] == pytest.approx(
-        PHI.sums(ddq, PHI.at, CENTRES)[:, 1], abs=1e-3)
+        PHI.sums(ddq, PHI.values, CENTRES)[:, 1], abs=1e-3)
     assert not columns[:, 0, first + 1].any()
     second = 0.63 * np.cos(q.sum(axis=1))
     torque = -np.stack((7.6 * np.cos(q[:, 0]) + second, second), axis=1)
-    assert columns[:, :, -3] == pytest.approx(PHI.sums(torque, PHI.at, CENTRES), abs=1e-4)
+    assert columns[:, :, -3] == pytest.approx(PHI.sums(torque, PHI.values, CENTRES), abs=1e-4)
 
 
 class Springy(TwoLink):

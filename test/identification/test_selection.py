@@ -16,6 +16,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import dataclasses
 
 from ctc_chattering.identification import selection
 from ctc_chattering.identification.friction_terms import TermKind
@@ -77,7 +78,7 @@ def test_friction_of_the_load_is_that_of_the_torque_of_the_model() -> None:
     assert coefficient(solution, TermKind.LOAD) == pytest.approx(0.1, rel=0.05)
 
 
-def test_a_dead_band_of_commands_and_of_nothing_else() -> None:
+def test_only_commands_have_a_dead_band() -> None:
     def band(rows: Windows) -> Array:
         friction = COULOMB * rows.direction[:, 0] + 0.5 * rows.velocity[:, 0]
         return 0.5 * np.sign(rows.model_torque[:, 0] + friction)
@@ -117,5 +118,6 @@ def test_a_dead_band_that_has_the_sign_of_the_motion_is_not_told_from_friction(
     solution = select(data, NO_BODIES, True).best
     assert not added(solution)
     assert coefficient(solution, TermKind.COULOMB) == pytest.approx(COULOMB, rel=0.02)
-    monkeypatch.setattr(selection, 'MOST_ALIKE', 1.1)
+    limits = dataclasses.replace(selection.SELECTION, max_alike=1.1)
+    monkeypatch.setattr(selection, 'SELECTION', limits)
     assert TermKind.DEAD_BAND in added(select(data, NO_BODIES, True).best)

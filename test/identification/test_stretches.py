@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from ctc_chattering.identification.recording import Recording
-from ctc_chattering.identification.stretches import stretches
+from ctc_chattering.identification.stretches import split_recording
 import numpy as np
 import pytest
 
@@ -34,7 +34,7 @@ def recording(t: np.ndarray, q: np.ndarray, tau: np.ndarray = TAU) -> Recording:
 def test_a_pause_cuts_a_run_and_missing_samples_are_bridged() -> None:
     keep = np.r_[0:1000, 1003:1500, 2000:3000]
     found = recording(TIMES[keep], Q[keep], TAU[keep]).checked()
-    first, second = stretches(found, H)
+    first, second = split_recording(found, H)
     assert (len(first.q), len(second.q)) == (1500, 1000)
     assert first.q == pytest.approx(Q[:1500], abs=1e-9)
     assert second.t == pytest.approx(TIMES[2000:])
@@ -47,7 +47,7 @@ def test_positions_between_jittering_stamps_are_those_of_the_grid() -> None:
     rng = np.random.default_rng(1)
     t = TIMES + np.clip(rng.normal(0.0, 0.1 * H, len(TIMES)), -0.4 * H, 0.4 * H)
     exact = np.stack((np.sin(t), np.cos(2.0 * t)), axis=1)
-    (part,) = stretches(recording(t, exact).checked(), H)
+    (part,) = split_recording(recording(t, exact).checked(), H)
     middle = slice(2, -2)
     assert part.q[middle] == pytest.approx(np.stack(
         (np.sin(part.t), np.cos(2.0 * part.t)), axis=1)[middle], abs=1e-11)

@@ -20,9 +20,11 @@ import os
 from pathlib import Path
 
 from ctc_chattering.errors import CtcError
+from ctc_chattering.identification.recording import RecordingError, RecordingFault
 from ctc_chattering.identification.table_motion import read_table
 import numpy as np
 import pytest
+from refusals import refused
 import urdfs
 
 T = np.arange(0.0, 3.0, 0.01)
@@ -50,7 +52,7 @@ def test_columns_are_the_recording(tmp_path: Path, heads: str) -> None:
         np.testing.assert_allclose(getattr(recording, name), wanted, atol=1e-12)
 
 
-def test_columns_stand_in_any_order_and_others_are_passed_over(tmp_path: Path) -> None:
+def test_columns_may_have_any_order_and_others_are_ignored(tmp_path: Path) -> None:
     """Desired motions, as `ctc export` writes them, are none of a joint."""
     heads = 't,tau_b,q_d_a,q_d_b,dq_d_a,ddq_d_a,q_b,temperature,q_a,tau_a'
     file = written(tmp_path / 'run.csv', heads, T, TAU[:, 1], Q, Q, Q[:, 1], T, Q[:, 0],
@@ -62,21 +64,30 @@ def test_columns_stand_in_any_order_and_others_are_passed_over(tmp_path: Path) -
     assert recording.effort is not None and (recording.effort == TAU).all()
 
 
-@pytest.mark.parametrize(('heads', 'why'), [
-    ('q_a,q_b,tau_a', 'the first column is q_a; allowed: t, time'),
-    ('t,q_a,tau_a', 'no column q_b'),
-    ('t,q_x,tau_x', 'the description has the joints a, b; the states have x'),
-    ('t,q1,tau1', '1 joints with numbers; the description has 2'),
-    ('t,q_a', '2 names above 3 columns')])
-def test_what_is_no_such_table_is_refused_by_its_reason(
-        tmp_path: Path, heads: str, why: str) -> None:
+@pytest.mark.parametrize(('heads', 'fault'), [
+    ('q_a,q_b,tau_a', RecordingFault.TOPIC), ('t,q_x,tau_x', RecordingFault.JOINTS),
+    ('t,q1,tau1', RecordingFault.JOINTS)])
+def test_a_table_with_other_columns_is_refused(
+        tmp_path: Path, heads: str, fault: RecordingFault) -> None:
     file = written(tmp_path / 'run.csv', heads, T, Q)
-    with pytest.raises(CtcError, match=why):
-        read_table(file, ('a', 'b') if 'no column' in why else (), urdfs.two_links())
+    with refused(fault):
+        read_table(file, (), urdfs.two_links())
+
+
+def test_a_missing_column_is_named(tmp_path: Path) -> None:
+    file = written(tmp_path / 'run.csv', 't,q_a,tau_a', T, Q)
+    with pytest.raises(RecordingError, match='no column q_b') as error:
+        read_table(file, ('a', 'b'), urdfs.two_links())
+    assert error.value.fault is RecordingFault.TOPIC
+
+
+def test_columns_without_names_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(CtcError, match='2 names above 3 columns'):
+        read_table(written(tmp_path / 'run.csv', 't,q_a', T, Q))
 
 
 @pytest.mark.parametrize('text', ['', 't,q_a\n', 't,q_a\n0,x\n1,2\n', 't,q_a\n0,1\n1\n', '\0\xff'])
-def test_what_is_no_table_is_refused_in_a_line(tmp_path: Path, text: str) -> None:
+def test_a_damaged_table_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
     (tmp_path / 'run.csv').write_text(text, encoding='latin-1')
     with pytest.raises(CtcError) as refusal:
         read_table(tmp_path / 'run.csv')

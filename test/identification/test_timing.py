@@ -18,18 +18,17 @@ from __future__ import annotations
 import dataclasses
 
 from ctc_chattering.dynamics.drive_response import response
-from ctc_chattering.identification.drives import COMMAND, EFFORT
+from ctc_chattering.identification.drive_search import LAGS
 from ctc_chattering.identification.findings import Reason, Severity
-from ctc_chattering.identification.stretches import Stretch
+from ctc_chattering.identification.stretches import COMMAND, EFFORT, Stretch
 from ctc_chattering.identification.timing import (
-    drives_in_words,
-    lag_in_words,
-    LAGS,
-    Late,
-    rate_limits,
+    describe_drives,
+    describe_lag,
+    estimate_rate_limits,
+    find_timing_doubts,
+    identify_timing,
+    LateCommands,
     Timing,
-    timing,
-    timing_findings,
 )
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
@@ -71,7 +70,7 @@ def searched(command: Array, torque: Array, noise: float, seed: int,
     rows = dataclasses.replace(windows(np.ones_like(shown), shown),
                                t=np.asarray(H * centres, float), centres=centres)
     part = Stretch(0.0, H, np.zeros((COUNT, 1)), None, command[:, None], late)
-    return timing([part], [rows], COMMAND, PHI)
+    return identify_timing([part], [rows], COMMAND, PHI)
 
 
 def delayed(torque: Array, delay: int) -> Array:
@@ -80,7 +79,7 @@ def delayed(torque: Array, delay: int) -> Array:
 
 @pytest.mark.parametrize('robots, most', [
     (range(6), 1), pytest.param(range(30), 2, marks=pytest.mark.slow)])
-def test_sets_contain_the_truth(robots: range, most: int) -> None:
+def test_possible_delays_and_lags_contain_the_true_ones(robots: range, most: int) -> None:
     """Of 30 robots, at most two may have a lag outside, and none a delay that is wrong."""
     outside = 0
     for seed in robots:
@@ -95,7 +94,7 @@ def test_sets_contain_the_truth(robots: range, most: int) -> None:
     assert outside <= most
 
 
-def test_where_two_fit_both_are_in_the_set() -> None:
+def test_slow_commands_leave_several_delays_possible() -> None:
     """Slow commands show the sum of delay and lag, not each."""
     command = commands(1, 0.0, 0.5)
     found = searched(command, delayed(driven_torque(command, 2e-3, np.inf), 1), 0.03, 1)
@@ -127,7 +126,7 @@ def test_a_rate_limit_that_never_bites_has_a_lower_bound() -> None:
     assert np.isinf(best) and np.isinf(high)
 
 
-def test_commands_that_may_be_late_widen_the_set() -> None:
+def test_late_commands_allow_more_delays_and_lags() -> None:
     """By the samples by which they may be later than the recording has them."""
     command = commands(2, 3.0)
     torque = delayed(driven_torque(command, 2e-3, np.inf), 2)
@@ -139,7 +138,7 @@ def test_commands_that_may_be_late_widen_the_set() -> None:
         # The sum of delay and lag is known to a sample.
         low, _, high = doubtful.delays[delay][:, 0] + delay * H
         assert low <= 3e-3 + 1e-9 and high >= 5e-3 - 1e-9
-    assert Late(-0.01, 0.01).widen(sure.delays, H, sure.moving) is sure.delays
+    assert LateCommands(-0.01, 0.01).widen(sure.delays, H, sure.moving) is sure.delays
 
 
 def test_a_joint_that_rests_has_no_timing() -> None:
@@ -147,9 +146,9 @@ def test_a_joint_that_rests_has_no_timing() -> None:
     centres = PHI.centres(COUNT, 200)
     rest = dataclasses.replace(windows(np.zeros((len(centres), 1))), centres=centres)
     part = Stretch(0.0, H, np.zeros((COUNT, 1)), None, command[:, None])
-    found = timing([part], [rest], COMMAND, PHI)
+    found = identify_timing([part], [rest], COMMAND, PHI)
     assert found.delays == {} and not found.moving.any()
-    assert lag_in_words(found, 0) == '-'
+    assert describe_lag(found, 0) == '-'
 
 
 def aligned(late: float, noise: float) -> float:
@@ -163,10 +162,10 @@ def aligned(late: float, noise: float) -> float:
                                t=np.asarray(H * centres, float), centres=centres)
     effort = np.interp(t - (0.5 + late) * H, t, true) + rng.normal(0.0, noise, COUNT)
     part = Stretch(0.0, H, np.zeros((COUNT, 1)), effort[:, None], None)
-    return timing([part], [rows], EFFORT, PHI).delay
+    return identify_timing([part], [rows], EFFORT, PHI).delay
 
 
-def test_an_effort_is_late_by_a_filter_only_if_that_shows() -> None:
+def test_a_filtered_effort_is_aligned_only_if_its_lag_shows() -> None:
     """In noise that hides 8 ms it is that of its sample; a smaller noise shows them."""
     assert aligned(8.0, 0.01) == pytest.approx(-8.5, abs=1.0)
     assert aligned(8.0, 30.0) >= -1.0
@@ -187,36 +186,37 @@ def ms(*rows: tuple[float, float]) -> np.ndarray:
     return 1e-3 * np.array(rows)
 
 
-def test_a_set_in_words() -> None:
+def test_possible_delays_and_lags_in_words() -> None:
     found = made({1: ms((3.1, 3.1), (3.5, 3.5), (4.4, 4.4)),
                   2: ms((0.0, 0.1), (0.0, 0.2), (0.5, 0.6))})
-    assert drives_in_words(found) == (
+    assert describe_drives(found) == (
         'delay 1 with lag 3.1 to 4.4 ms, or delay 2 with lag 0 to 0.6 ms')
-    assert lag_in_words(found, 0) == '3.1 to 4.4 ms with delay 1'
-    (one,) = timing_findings(found, JOINTS)
-    assert one.severity == Severity.NOTE and 'delay 2' in one.text
-    assert lag_in_words(made({0: ms((0, 0), (0, 0), (0.1, 0.1))}), 1) == 'none, at most 0.1 ms'
+    assert describe_lag(found, 0) == '3.1 to 4.4 ms with delay 1'
+    (one,) = find_timing_doubts(found)
+    assert (one.reason, one.severity) == (Reason.SEVERAL_DELAYS, Severity.NOTE)
+    assert describe_lag(made({0: ms((0, 0), (0, 0), (0.1, 0.1))}), 1) == 'none, at most 0.1 ms'
 
 
-def test_a_lag_at_the_end_needs_care_and_has_its_cause() -> None:
+def test_the_longest_lag_and_a_slow_drive_need_care() -> None:
     end = 1e3 * LAGS[-1]
-    (one, other) = timing_findings(made({0: ms((30.0, 0.0), (38.0, 0.0), (end, end))}), JOINTS)
+    (one, other) = find_timing_doubts(made({0: ms((30.0, 0.0), (38.0, 0.0), (end, end))}))
     assert [(x.reason, x.severity, x.joint) for x in (one, other)] == [
-        (Reason.DRIVE, Severity.CARE, joint) for joint in range(2)]
-    assert 'at least 30 ms' in one.text and 'elastic joint' in one.text
-    (slow,) = timing_findings(made({0: ms((11.0, 0.0), (12.0, 0.0), (13.0, 0.1))}), JOINTS)
-    assert (slow.severity, slow.joint) == (Severity.CARE, 0) and '12 ms' in slow.text
-    assert [x.value for x in rate_limits(made({0: ms((0, 0), (0, 0), (end, end))}), JOINTS)
+        (Reason.UNBOUNDED_LAG, Severity.CARE, joint) for joint in range(2)]
+    assert one.values['lag_ms'] == pytest.approx(30.0)
+    (slow,) = find_timing_doubts(made({0: ms((11.0, 0.0), (12.0, 0.0), (13.0, 0.1))}))
+    assert (slow.reason, slow.severity, slow.joint) == (Reason.LONG_LAG, Severity.CARE, 0)
+    assert slow.values['lag_ms'] == pytest.approx(12.0)
+    assert [x.value for x in estimate_rate_limits(made({0: ms((0, 0), (0, 0), (end, end))}))
             ] == [None, None]
 
 
 def test_rate_limits_with_intervals_or_bounds() -> None:
-    first, second = rate_limits(made({0: NONE}, np.array(
-        [[900.0, 50.0], [1000.0, np.inf], [1100.0, np.inf]])), JOINTS)
+    first, second = estimate_rate_limits(made({0: NONE}, np.array(
+        [[900.0, 50.0], [1000.0, np.inf], [1100.0, np.inf]])))
     assert (first.value, first.half, first.unit) == (1000.0, 100.0, 'N*m/s')
     assert second.value is None and str(second) == 'at least 50 N*m/s'
 
 
-def test_many_delays_are_said() -> None:
-    (many,) = timing_findings(made(dict.fromkeys(range(4), NONE)), JOINTS)
-    assert many.severity == Severity.CARE and many.cure
+def test_delays_far_apart_need_care() -> None:
+    (many,) = find_timing_doubts(made(dict.fromkeys(range(4), NONE)))
+    assert (many.reason, many.severity) == (Reason.FAR_DELAYS, Severity.CARE)

@@ -23,10 +23,10 @@ from typing import Any
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.identification import trial_runs as module
-from ctc_chattering.identification.findings import Severity
+from ctc_chattering.identification.findings import Reason, Severity
 from ctc_chattering.identification.gains import recommend, Recommendation
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.perturbation import MeasuredPerturbation, perturbation
+from ctc_chattering.identification.perturbation import measure_perturbation, MeasuredPerturbation
 from ctc_chattering.identification.trial_runs import (
     draw_robots,
     parameter_values,
@@ -50,7 +50,7 @@ def base() -> Identification:
 
 @cache
 def measured() -> MeasuredPerturbation:
-    return perturbation(base(), False)
+    return measure_perturbation(base(), False)
 
 
 @cache
@@ -80,18 +80,18 @@ def surviving(monkeypatch: pytest.MonkeyPatch, most: float) -> Recommendation:
 
 def test_the_pole_steps_down_until_all_draws_survive(monkeypatch: pytest.MonkeyPatch) -> None:
     found = surviving(monkeypatch, 60.0)
-    kv: Any = found.values['kv'][0]
-    assert kv == [100.0, 100.0]
-    assert [text.split(': ')[0] for text in found.trials] == [
-        f'p = {p} rad/s' for p in (100, 70, 50)]
-    assert 'fails in draw 1 of 6' in found.trials[0] and 'diverged' in found.trials[0]
-    assert '6 of 6 draws survived' in found.trials[-1]
+    assert found.values['kv'] == [100.0, 100.0]
+    assert [(trial.pole, trial.draws) for trial in found.trials] == [
+        (100.0, 6), (70.0, 6), (50.0, 6)]
+    first, _, last = (trial.failed for trial in found.trials)
+    assert first is not None and (first.number, first.failure) == (1, 'diverged')
+    assert last is None
 
 
-def test_gains_of_which_none_survives_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gains_are_refused_if_none_survive(monkeypatch: pytest.MonkeyPatch) -> None:
     finding = surviving(monkeypatch, 1.0).findings[-1]
-    assert finding.severity == Severity.REFUSED
-    assert 'No gains survive' in finding.text and 'record' in finding.cure
+    assert (finding.reason, finding.severity) == (Reason.NO_GAINS, Severity.REFUSED)
+    assert finding.values['trial'].failed is not None
 
 
 def test_draws_have_the_corners_and_are_within_the_intervals() -> None:
@@ -113,6 +113,7 @@ def test_draws_have_the_corners_and_are_within_the_intervals() -> None:
 
 
 def test_the_identified_robot_survives(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, 'TRIAL_S', 1.3)
+    short = dataclasses.replace(module.TRIAL, duration_s=1.3)
+    monkeypatch.setattr(module, 'TRIAL', short)
     found = trial_runs(base(), measured(), gains(), setups(), count=1)
-    assert '1 of 1 draws survived' in found.trials[0]
+    assert found.trials[0].failed is None

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import dataclasses
 
+from ctc_chattering.identification.findings import Reason
 from ctc_chattering.identification.identified_robot import IdentifiedRobot, identify
 from ctc_chattering.identification.recording import RecordedMotion
 from ctc_chattering.numerics.angles import within_turn
@@ -54,5 +55,5 @@ def test_turns_are_counted_before_anything_is_identified() -> None:
 def test_jumps_of_joints_that_are_not_known_to_turn_are_counted_and_named() -> None:
     found = identified(wrapped=True, continuous=['']).results
     assert np.ptp(found.found.positions.ends, axis=0).max() < 5.0
-    notes = [x.text for x in found.found.findings if 'jumps by a turn' in x.text]
-    assert [text.split()[4] for text in notes] == ['joint1', 'joint2']
+    turning = [x.joint for x in found.found.findings if x.reason == Reason.TURNS_COUNTED]
+    assert turning == [0, 1]

@@ -21,17 +21,10 @@ import dataclasses
 from types import SimpleNamespace
 from typing import Any, cast
 
-from ctc_chattering.identification.findings import (
-    ALL_JOINTS,
-    Estimate,
-    Finding,
-    note,
-    Reason,
-    Severity,
-)
+from ctc_chattering.identification.findings import Estimate, Finding, Reason, Severity
 from ctc_chattering.identification.friction import CoupledFriction, JointFriction
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.verdict import next_step, verdicts
+from ctc_chattering.identification.verdict import verdicts
 import numpy as np
 import pytest
 
@@ -58,7 +51,7 @@ def made(second: JointFriction = GOOD, findings: tuple[Finding, ...] = (), *,
 
 
 def test_a_joint_of_which_only_noise_is_unexplained_is_usable() -> None:
-    assert [str(x) for x in verdicts(made())] == ['usable'] * 2
+    assert [(x.word, x.findings) for x in verdicts(made())] == [('usable', ())] * 2
 
 
 @pytest.mark.parametrize(('predicted', 'severity', 'reason'), [
@@ -79,43 +72,49 @@ def test_the_prediction_of_unseen_torque_decides(
     assert second.usable == (severity < Severity.REFUSED)
 
 
-@pytest.mark.parametrize(('change', 'reason', 'words'), [
-    ({'coulomb': Estimate(5.0, 2.0, 'N*m')}, Reason.UNCERTAIN, '5 ± 2 N*m'),
-    ({'stribeck': Estimate(2.0, 2.0, 'N*m')}, Reason.UNCERTAIN, '2 ± 2 N*m'),
+@pytest.mark.parametrize(('change', 'reason', 'value'), [
+    ({'coulomb': Estimate(5.0, 2.0, 'N*m')}, Reason.UNCERTAIN,
+     {'Coulomb': Estimate(5.0, 2.0, 'N*m')}),
+    ({'stribeck': Estimate(2.0, 2.0, 'N*m')}, Reason.UNCERTAIN,
+     {'Stribeck': Estimate(2.0, 2.0, 'N*m')}),
     # A dead zero within a narrow interval is no doubt: friction is little beside the torque.
-    ({'coulomb': Estimate(0.0, 0.1, 'N*m')}, None, ''),
-    ({'viscous': Estimate(-8e-7, 3e-6)}, None, ''),
-    ({'coulomb': Estimate(0.0, 0.5, 'N*m')}, Reason.UNCERTAIN, '0 ± 0.5 N*m'),
-    ({'coupled': (CoupledFriction(0, Estimate(1.0), Estimate(0.1)),)}, Reason.COUPLED,
-     'has friction of a')])
-def test_numbers_that_need_care(change: dict[str, Any], reason: Reason | None, words: str
+    ({'coulomb': Estimate(0.0, 0.1, 'N*m')}, None, None),
+    ({'viscous': Estimate(-8e-7, 3e-6)}, None, None),
+    ({'coulomb': Estimate(0.0, 0.5, 'N*m')}, Reason.UNCERTAIN,
+     {'Coulomb': Estimate(0.0, 0.5, 'N*m')}),
+    ({'coupled': (CoupledFriction(0, Estimate(1.0), Estimate(0.1)),)}, Reason.COUPLED, 'a')])
+def test_numbers_that_need_care(change: dict[str, Any], reason: Reason | None, value: Any
                                 ) -> None:
     first, second = verdicts(made(dataclasses.replace(GOOD, **change)))
     assert first.severity == Severity.NOTE
     assert [x.reason for x in second.findings] == [reason] * (reason is not None)
-    assert words in str(second)
+    assert [x for finding in second.findings for x in finding.values.values()] == (
+        [value] * (reason is not None))
 
 
-def test_a_joint_that_hardly_moves_is_refused_with_a_motion_for_it() -> None:
-    (_, second) = found = verdicts(made(moves=False))
+def test_a_joint_that_hardly_moves_is_refused_and_needs_a_motion() -> None:
+    first, second = verdicts(made(moves=False))
     assert (second.severity, second.findings[0].reason) == (Severity.REFUSED, Reason.NOT_EXCITED)
-    assert 'ctc excite --for b' in next_step(found)
+    assert (first.needs_motion, second.needs_motion) == (False, True)
 
 
-def test_only_what_motion_settles_asks_for_motion() -> None:
+def test_only_doubts_that_motion_settles_ask_for_motion() -> None:
     coupled = CoupledFriction(0, Estimate(1.0), Estimate(0.1))
     cases: list[tuple[dict[str, Any], bool]] = [
         ({'coulomb': Estimate(5.0, 2.0)}, True), ({'coupled': (coupled,)}, False)]
     for change, asks in cases:
-        found = verdicts(made(dataclasses.replace(GOOD, **change)))
-        assert ('ctc excite --for b' in next_step(found)) == asks
+        _, second = verdicts(made(dataclasses.replace(GOOD, **change)))
+        assert second.needs_motion == asks
 
 
-def test_the_worst_finding_decides_and_only_its_like_are_reasons() -> None:
-    findings = (Finding(Reason.STAMPS, Severity.CARE, ALL_JOINTS, 'Stamps jitter', 'Use others'),
-                Finding(Reason.UNITS, Severity.REFUSED, 1, 'Another unit'), note('a note', 0))
-    later = [Finding(Reason.GAINS, Severity.REFUSED, 1, 'Second')]
+def test_the_worst_finding_decides() -> None:
+    findings = (Finding(Reason.STAMPS, Severity.CARE), Finding(Reason.UNITS, Severity.REFUSED, 1),
+                Finding(Reason.ROTOR, Severity.NOTE, 0))
+    later = [Finding(Reason.NO_GAINS, Severity.REFUSED, 1)]
     first, second = verdicts(made(findings=findings), later)
-    assert str(first) == 'usable with care: Stamps jitter. Use others.'
-    assert str(second) == 'not usable: Another unit. Second.'
-    assert [x.severity for x in second.findings] == [2, 2, 1]
+    assert first.word == 'usable with care' and second.word == 'not usable'
+    assert [x.reason for x in second.findings] == [
+        Reason.UNITS, Reason.NO_GAINS, Reason.STAMPS]
+    # Those of all joints, and notes, are no doubts about this joint.
+    assert [x.reason for x in second.doubts] == [Reason.UNITS, Reason.NO_GAINS]
+    assert first.doubts == ()

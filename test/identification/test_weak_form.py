@@ -38,7 +38,7 @@ def test_phi_is_a_mean_with_a_derivative() -> None:
 
     def phi(t: float) -> float:
         return 315.0 / 256.0 / half * (1.0 - (t / half) ** 2) ** 4
-    assert PHI.at.sum() == pytest.approx(1.0, abs=1e-9)
+    assert PHI.values.sum() == pytest.approx(1.0, abs=1e-9)
     assert PHI.over.sum() == pytest.approx(1.0, abs=1e-12)
     t = H * np.arange(-PHI.half, PHI.half + 1)
     assert PHI.slope / H == pytest.approx(
@@ -57,7 +57,7 @@ def test_the_weak_form_is_the_mean_of_the_inverse_dynamics() -> None:
     dynamics = Dynamics.along(q, dq, H, model)
     found = dynamics.weak(moved, PHI, centres)
     exact = np.array([model.inverse_dynamics(*rows) for rows in zip(q, dq, ddq)])
-    wanted = PHI.sums(exact, PHI.at, centres)
+    wanted = PHI.sums(exact, PHI.values, centres)
     assert found == pytest.approx(wanted, abs=2e-4)
     weight = np.array([model.gravity_torque(x) for x in q.tolist()])
     assert dynamics.weight() == pytest.approx(weight, abs=1e-5)

@@ -23,7 +23,7 @@ from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.identification.regressor import BodyRegressor
 from ctc_chattering.identification.stretches import Stretch
 from ctc_chattering.identification.weak_form import TestFunction
-from ctc_chattering.identification.windows import joined, STRIBECK_VELOCITIES, Windows
+from ctc_chattering.identification.windows import join_windows, STRIBECK_VELOCITIES, Windows
 import numpy as np
 import pytest
 from urdfs import TWO_LINKS, two_links
@@ -54,14 +54,14 @@ def test_means_are_those_of_the_motion() -> None:
     q = np.stack((0.6 * np.sin(2.0 * t), 0.4 * np.cos(3.0 * t)), axis=1)
     found = Windows.of(stretch(*q.T), TwoLink(), PHI, None)
     dq = np.stack((1.2 * np.cos(2.0 * t), -1.2 * np.sin(3.0 * t)), axis=1)
-    assert found.velocity == pytest.approx(PHI.sums(dq, PHI.at, found.centres), abs=1e-5)
+    assert found.velocity == pytest.approx(PHI.sums(dq, PHI.values, found.centres), abs=1e-5)
     assert found.acceleration == pytest.approx(
-        PHI.sums(np.gradient(dq, H, axis=0), PHI.at, found.centres), abs=1e-3)
+        PHI.sums(np.gradient(dq, H, axis=0), PHI.values, found.centres), abs=1e-3)
     k = 10
     slow = np.sign(dq) * np.exp(-np.square(dq / STRIBECK_VELOCITIES[k]))
     sliding = np.abs(found.direction).min(axis=1) > 1.0 - 1e-9
     assert found.stribeck[sliding, :, k] == pytest.approx(
-        PHI.sums(slow, PHI.at, found.centres)[sliding], abs=1e-5)
+        PHI.sums(slow, PHI.values, found.centres)[sliding], abs=1e-5)
     # Where the torque keeps its sign.
     loaded = sliding[:, None] & (np.abs(found.model_torque) > 2.0)
     assert np.abs(found.load)[loaded] == pytest.approx(
@@ -78,7 +78,7 @@ def test_a_stribeck_column_between_two_velocities(place: float) -> None:
     exact = np.sign(dq) * np.exp(-np.square(dq / velocity))
     sliding = np.abs(found.direction[:, 0]) > 1.0 - 1e-9
     assert found.stribeck_column(0, place)[sliding] == pytest.approx(
-        PHI.sums(exact[:, None], PHI.at, found.centres)[sliding, 0], abs=1e-3)
+        PHI.sums(exact[:, None], PHI.values, found.centres)[sliding, 0], abs=1e-3)
 
 
 def test_gravity_along_another_direction_is_that_of_another_model() -> None:
@@ -96,8 +96,8 @@ def test_gravity_along_another_direction_is_that_of_another_model() -> None:
 def test_windows_of_stretches_are_joined() -> None:
     t = H * np.arange(1000)
     one = Windows.of(stretch(np.sin(t), np.cos(t)), TwoLink(), PHI, None)
-    assert joined([one]) is one
-    both = joined([one, one])
+    assert join_windows([one]) is one
+    both = join_windows([one, one])
     assert len(both.t) == 2 * len(one.t)
     assert np.array_equal(both.load[len(one.t):], one.load)
 

@@ -148,7 +148,8 @@ ODD: dict[str, tuple[Any, ...]] = {
     {'law': 'none'}, {'law': ['chattering']}, {'law': {}}, {'switching': None},
     {'record': 5}, {'record': ['x']}, {'record': None}, {'record': 'x'}, {'set': 'x'}, {}, [],
     None, 'law', {'torques': 1}, {'torques': 'on'},
-    {'move': 'x'}, {'guide': 1}, {'speed': 1.5}, {'speed': True}, {'payload': -1}, {'payload': nan},
+    {'move': 'x'}, {'guide': 1}, {'speed': 1.5}, {'speed': True}, {'payload': -1},
+    {'payload': nan},
     *[{name: value} for name, values in ODD.items() for value in values]])
 def test_a_request_that_no_page_of_ours_sends_is_ignored(message: Any) -> None:
     assert asked(message) == []

@@ -20,10 +20,10 @@ from functools import partial
 import json
 from typing import Any
 
+from ctc_chattering.configuration.topics import JOINT_STATES, PARAMETERS
 from ctc_chattering.live.graph_reader import GraphReader, Track
 from ctc_chattering.ros.parameters import CHANGES
 from ctc_chattering.ros.subscription import qos
-from ctc_chattering.ros.topics import JOINT_STATES, PARAMETERS
 import numpy as np
 from processes import probe
 import pytest

@@ -25,8 +25,8 @@ from controller_process import ControllerUnderTest
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.topics import CLOCK, COMMANDS, JOINT_STATES, REFERENCE
 from ctc_chattering.ros.messages import read_stamp
-from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, REFERENCE
 from faults import CONTESTED, Diagnostics, JOINTS, Kind, KINDS, malformed
 import numpy as np
 from processes import bringup, CONFIG, PATIENCE, Probe, probe

@@ -27,7 +27,7 @@ from tempfile import TemporaryDirectory
 import time
 
 from ctc_chattering.bags.repair import open_bag, recover, repair
-from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES
+from ctc_chattering.configuration.topics import COMMANDS, JOINT_STATES
 from faults import Diagnostics, ERROR
 from processes import PATIENCE, probe, Stopwatch
 import pytest

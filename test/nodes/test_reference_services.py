@@ -42,7 +42,7 @@ def test_a_stop_holds_where_the_motion_comes_to_rest_and_home_leads_to_its_start
         held = node.points[max(node.points)]
         assert not any(held.velocities) and list(held.positions) != home
         going = it.call(Trigger, '/reference/home', Trigger.Request())
-        assert going.success and 'Links keep' in going.message, going.message
+        assert going.success and 'The nearest approach' in going.message, going.message
         begin = node.now
         node.run_to(begin + 6 * S)
         times = sorted(t for t in node.points if t >= begin)

@@ -104,7 +104,7 @@ def test_what_means_nothing_is_refused_in_one_line_with_status_2(
 
 @pytest.mark.parametrize(('arguments', 'words'), [
     (['--laws', 'compensation'], ['--laws']), (['--pacing', 'fast'], ['fast', 'lockstep']),
-    (['--params-file', 'missing.yaml'], ['missing.yaml: no such file']),
+    (['--params-file', 'missing.yaml'], ['missing.yaml: there is no such file']),
     (['--duration', 'nan'], ['bringup: duration: nan is not allowed']),
     (['--control-period', '0.0'], ['control_period: 0.0 is not allowed']),
     (['--ros-args', '-p', 'lawx:=foo'], ['lawx', 'law']),

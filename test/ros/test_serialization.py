@@ -28,6 +28,7 @@ from typing import Any
 
 from bags import chunk, efforts, state
 from builtin_interfaces.msg import Time
+from ctc_chattering.configuration.topics import select
 from ctc_chattering.errors import CtcError, RejectedMessage
 from ctc_chattering.numerics.time_grid import nanoseconds
 from ctc_chattering.ros.messages import (
@@ -41,7 +42,6 @@ from ctc_chattering.ros.messages import (
     trajectory_reader,
     TrajectoryWriter,
 )
-from ctc_chattering.ros.topics import select
 from faults import KINDS
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
@@ -104,8 +104,8 @@ def test_damaged_messages(index: int) -> None:
 FUZZ = """
 import random, resource
 from faults import KINDS, mutated
+from ctc_chattering.configuration.topics import CLOCK
 from ctc_chattering.ros.messages import read_stamp
-from ctc_chattering.ros.topics import CLOCK
 from rclpy.serialization import deserialize_message
 
 def read(kind, data):

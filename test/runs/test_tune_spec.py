@@ -142,7 +142,7 @@ def test_ranges_are_those_of_the_law_or_of_the_spec() -> None:
      'uncertain.gain: controller.ka is tuned'),
     ({'uncertain': {'noise': {'parameter': 'plant.velocity_noise', 'uniform': [-1, 2]}}}, {},
      'noise = -1: '),
-    ({'params_file': 'nothing'}, {}, 'nothing: no such file')])
+    ({'params_file': 'nothing'}, {}, 'nothing: there is no such file')])
 def test_an_error_in_a_spec_is_one_line(
         tree: dict[str, Any], tune: dict[str, Any], words: str) -> None:
     with pytest.raises(CtcError, match=words) as caught:

@@ -106,7 +106,7 @@ def test_refuses_an_endless_run_and_tells_progress() -> None:
     for compiled in (True, False):
         times.clear()
         run_closed_loop(PlantConfig(duration=0.5, compiled=compiled), ControllerConfig(),
-                 ReferenceConfig(), (), times.append)
+                        ReferenceConfig(), (), times.append)
         assert times == sorted(times)
         assert (times[0], times[-1]) == (0.0, 0.5)
     assert 50 < len(times) < 200
@@ -160,7 +160,7 @@ def test_lyapunov_function_does_not_grow() -> None:
 
 def _started(duration: float, reference: dict[str, Any], **plant: Any) -> Run:
     return run_closed_loop(PlantConfig(duration=duration, **plant), ControllerConfig(),
-                    ReferenceConfig.from_mapping(reference))
+                           ReferenceConfig.from_mapping(reference))
 
 
 def test_smooth_start_spares_the_drives() -> None:

@@ -27,7 +27,13 @@ import sys
 from typing import Any, NamedTuple
 
 from bags import chunk, efforts, state
-from ctc_chattering.ros.topics import CLOCK, COMMANDS, DIAGNOSTICS, JOINT_STATES, REFERENCE
+from ctc_chattering.configuration.topics import (
+    CLOCK,
+    COMMANDS,
+    DIAGNOSTICS,
+    JOINT_STATES,
+    REFERENCE,
+)
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from processes import CONFIG, descendants, Probe, wait_for
 from rosgraph_msgs.msg import Clock

@@ -24,13 +24,13 @@ from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.identification.drives import known_torque
-from ctc_chattering.identification.identify import Identification, identify
+from ctc_chattering.identification.identify import Identification, identify_recordings
 from ctc_chattering.identification.recording import Recording
 from ctc_chattering.identification.regression import Observations
 from ctc_chattering.identification.regressor import BodyRegressor
-from ctc_chattering.identification.stretches import stretches
+from ctc_chattering.identification.stretches import split_recording
 from ctc_chattering.identification.weak_form import TestFunction
-from ctc_chattering.identification.windows import joined, Windows
+from ctc_chattering.identification.windows import join_windows, Windows
 from ctc_chattering.simulation.closed_loop import Run, run_closed_loop
 from ctc_chattering.simulation.plant import make_plant, Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -113,15 +113,15 @@ def identified(duration: float, noise: float = 1e-3) -> tuple[Recorded, Identifi
 
     """
     made = record('two_link', 7, duration, plant={'velocity_noise': [noise] * 2})
-    return made, identify([made.recording.checked()], made.model)
+    return made, identify_recordings([made.recording.checked()], made.model)
 
 
 def windows_of(found: Identification, recording: Recording, model: Model) -> Observations:
     """Return the windows of another run, with the torque that acts by an identification."""
     period = found.clock.period
-    parts = list(stretches(recording, period))
+    parts = list(split_recording(recording, period))
     phi = TestFunction(period, period * sum(len(part.q) for part in parts))
     rows = [Windows.of(part, model, phi, BodyRegressor.of(model)) for part in parts]
     torque = [known_torque(part, x.centres, found.timing.source, phi, found.timing.acting)
               for part, x in zip(parts, rows)]
-    return Observations.of(joined(rows), np.concatenate(torque))
+    return Observations.of(join_windows(rows), np.concatenate(torque))

@@ -49,7 +49,7 @@ def windows(velocity: Array, model_torque: Array | None = None, weight: Array | 
         model_torque=torque,
         weight=none if weight is None else weight,
         bodies=np.empty((count, n, 0)) if bodies is None else bodies,
-        direction=direction, resting=1.0 - np.abs(direction), velocity=velocity, position=none,
+        direction=direction, resting=1.0 - np.abs(direction), velocity=velocity,
         acceleration=none if acceleration is None else acceleration,
         stribeck=direction[..., None] * slow, load=direction * np.abs(torque))
 

@@ -24,7 +24,7 @@ from typing import Any
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import open_bag
-from ctc_chattering.ros.topics import DIAGNOSTICS
+from ctc_chattering.configuration.topics import DIAGNOSTICS
 from ctc_chattering.simulation.closed_loop import Run
 from processes import run_bringup
 import yaml

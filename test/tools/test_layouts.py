@@ -21,8 +21,8 @@ from pathlib import Path
 import re
 import xml.etree.ElementTree as ET
 
+from ctc_chattering.configuration.topics import TOPICS
 from ctc_chattering.ros.messages import message_type
-from ctc_chattering.ros.topics import TOPICS
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 JOINTS = ('joint1', 'joint2')

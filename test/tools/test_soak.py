@@ -28,9 +28,9 @@ from typing import Any
 from bags import state
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.bags.writer import BagWriter, offered_qos
+from ctc_chattering.configuration.topics import TOPICS
 from ctc_chattering.nodes.recorder import FLUSH_PERIOD
 from ctc_chattering.numerics.time_grid import NANOSECONDS as S
-from ctc_chattering.ros.topics import TOPICS
 from faults import Report
 import numpy as np
 from processes import PATIENCE

@@ -24,9 +24,9 @@ import random
 
 from ctc_chattering.configuration.node_parameters import LOOP
 from ctc_chattering.configuration.package_share import config_directory
+from ctc_chattering.configuration.topics import DIAGNOSTICS
 from ctc_chattering.launch import child_process
 from ctc_chattering.ros.process import use_profile
-from ctc_chattering.ros.topics import DIAGNOSTICS
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import rclpy
 

@@ -24,7 +24,7 @@ import time
 from typing import Any, TYPE_CHECKING
 
 from bags import chunk, efforts, state
-from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES
+from ctc_chattering.configuration.topics import COMMANDS, JOINT_STATES
 from faults import JOINTS, Kind, KINDS, malformed
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter

@@ -25,9 +25,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ctc_chattering.bags.repair import open_bag, repair
+from ctc_chattering.configuration.topics import JOINT_STATES
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
-from ctc_chattering.ros.topics import JOINT_STATES
 from faults import Report
 import numpy as np
 from soak.plan import PROCESSES

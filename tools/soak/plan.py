@@ -22,9 +22,15 @@ import random
 from typing import Any, TypeVar
 
 from ctc_chattering.configuration.node_parameters import LOOP, NODES
+from ctc_chattering.configuration.topics import (
+    CLOCK,
+    COMMANDS,
+    JOINT_STATES,
+    JOINT_TRAJECTORY,
+    REFERENCE,
+)
 from ctc_chattering.control.laws.registry import LAWS, SWITCHINGS
 from ctc_chattering.parameters import Parameter
-from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE
 
 _Card = TypeVar('_Card')
 

@@ -19,8 +19,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from ctc_chattering.configuration.topics import JOINT_STATES
 from ctc_chattering.numerics.time_grid import seconds
-from ctc_chattering.ros.topics import JOINT_STATES
 from soak import measurements, run
 from soak.plan import KILL, LONGEST_STOP, STOP
 

@@ -188,7 +188,7 @@ def run_of(motion: Motion) -> Run:
     setup = motion.setup
     text = setup.descriptions.get('plant', '')
     return run_closed_loop(setup.plant, setup.controller, setup.reference, route=setup.route,
-                    robot=make_plant(setup.plant, text), model=model(setup))
+                           robot=make_plant(setup.plant, text), model=model(setup))
 
 
 def assert_identifiable(motion: Motion, run: Run) -> None:
@@ -253,11 +253,11 @@ def test_the_file_it_wrote_may_be_the_one_it_reads(tmp_path: Path) -> None:
     assert parameter_file.load(tmp_path / 'run.yaml').plant.duration == 60.0
 
 
-def test_what_the_command_prints_and_writes(tmp_path: Path) -> None:
+def test_the_command_prints_and_writes_the_motion(tmp_path: Path) -> None:
     result = ctc('excite', '--params-file', 'panda', '--evaluations', 1, '--duration', 80,
                  '--poses', 4, '--out', tmp_path)
     assert result.returncode == 0, result.stderr
-    for text in (*PANDA, '/87', 'no acceleration limit', 'nearest approach of two links: '):
+    for text in (*PANDA, '/87', 'no acceleration limit', 'nearest approach of two links is '):
         assert text in result.stdout
     assert max(map(len, result.stdout.splitlines()[:-1])) <= 100
     assert {x.name for x in tmp_path.iterdir()} == {LIST, 'motion.yaml', 'run.yaml'}
@@ -287,7 +287,7 @@ def test_what_the_command_prints_and_writes(tmp_path: Path) -> None:
     (['--seed', '-1'], ['seed: -1', '>= 0']),
     (['--poses', '0'], ['poses: 0', '>= 1']),
     (['--params-file', 'nothing.yaml'], ['nothing.yaml'])])
-def test_what_cannot_be_kept_is_refused(
+def test_limits_that_no_motion_keeps_are_refused(
         arguments: list[str], words: list[str], tmp_path: Path) -> None:
     given = [] if '--evaluations' in arguments else ['--evaluations', '2']
     refused(ctc('excite', '--params-file', 'panda', *given, *arguments, cwd=tmp_path), *words)
@@ -295,7 +295,7 @@ def test_what_cannot_be_kept_is_refused(
 
 
 @pytest.mark.slow
-def test_the_duration_that_a_refusal_names_would_do(tmp_path: Path) -> None:
+def test_the_duration_that_a_refusal_names_is_enough(tmp_path: Path) -> None:
     result = ctc('excite', '--params-file', 'panda', '--evaluations', '1', '--duration', '20',
                  '--velocity-scale', '0.2', '--out', tmp_path / 'short')
     found = re.search(r'at least (\d+) s', result.stderr)
@@ -321,8 +321,7 @@ def test_a_motion_for_one_joint_moves_the_others_little(tmp_path: Path) -> None:
             'no joint is called panda_joint8', 'panda_joint7?')
 
 
-def test_the_motion_of_the_reference_is_not_played_and_may_exceed_the_limits(tmp_path: Path
-                                                                             ) -> None:
+def test_the_motion_of_the_reference_may_exceed_the_limits(tmp_path: Path) -> None:
     text = (ROOT / 'config' / 'panda.yaml').read_text()
     file = tmp_path / 'fast.yaml'
     file.write_text(re.sub(r'frequency: \[.*\]', f'frequency: [{", ".join(7 * ["9.0"])}]', text))
@@ -399,14 +398,14 @@ def test_a_torque_limit_is_kept_in_finer_steps() -> None:
     assert peaks[1] <= 12.0 < peaks[0]
 
 
-def test_a_motion_that_cannot_be_is_refused_with_the_limit_that_it_breaks() -> None:
+def test_an_impossible_motion_is_refused_with_the_limit_that_it_breaks() -> None:
     with pytest.raises(CtcError, match=r'peak torque of first: .* at most 5 N\*m'):
         Bench(effort=5.0).first(3)
     with pytest.raises(CtcError, match=r'they touch, lower and wall at .* at least 0\.0\d+ m'):
         Bench(center=(0.2, 1.2)).first(3)
 
 
-def test_it_is_the_first_that_is_as_large_as_any_can_be() -> None:
+def test_the_first_of_the_largest_motions_is_taken() -> None:
     """Of a count of one motion it is smaller than of many, and among these the first."""
     bench = Bench(center=(0.7, 1.2))
     kept = [to_the_wall(bench.drawn(seed)[0]).min() >= 0.05 for seed in range(10)]

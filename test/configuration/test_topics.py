@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
+from ctc_chattering.configuration.topics import select
 from ctc_chattering.errors import RejectedMessage
-from ctc_chattering.ros.topics import select
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
