@@ -266,7 +266,8 @@ class Controller:
         """
         Start again.
 
-        There is no estimate then, no torque in transit, and ξ = 0.
+        There is no estimate then, no torque in transit, and ξ = 0. A payload that was set has
+        entered the model, unless a torque is held.
 
         Parameters
         ----------
@@ -278,6 +279,9 @@ class Controller:
         """
         if not isinstance(bumpless, (bool, np.bool_)):
             raise ParameterError('bumpless', bumpless, 'true or false')
+        if held is None:
+            self._payload.finish()
+            self.advance_payload()
         zero = np.zeros(self.model.n)
         tau = zero if held is None else checked_vector('held', held, self.model.n)
         self.transit[:] = 0.0

@@ -54,6 +54,8 @@ class PayloadRamp:
 
     def __init__(self, model: Model, config: ControllerConfig, period: int) -> None:
         self._arm = model
+        if config.described:
+            model.with_payload([])  # It finds the tip, which takes longer than a sample.
         self._samples_per_step = max(round(RAMP_S / _STEPS / seconds(period)), 1)
         #: Payload that leaves, and that which enters.
         self._old: list[PointMass] = []
@@ -79,6 +81,10 @@ class PayloadRamp:
             self._old = self._present()
             self._new = payload
             self._sample = 0
+
+    def finish(self) -> None:
+        """Have all of the payload enter with the next sample."""
+        self._sample = max(self._sample, self._samples_per_step * _STEPS - 1)
 
     def advance(self) -> bool:
         """Go on by a sample, and return whether the model has changed."""

@@ -204,7 +204,8 @@ def check_change(present: ControllerConfig, candidate: ControllerConfig) -> None
     """
     n = len(present.joint_names)
     for name, spec in ControllerConfig.parameters().items():
-        if spec.read_only or spec.kind not in ('float', 'float[]'):
+        is_ramped = name in ('payload_mass', 'payload_center')
+        if spec.read_only or is_ramped or spec.kind not in ('float', 'float[]'):
             continue
         old = _magnitudes(spec, getattr(present, spec.field), n)
         new = _magnitudes(spec, getattr(candidate, spec.field), n)

@@ -19,6 +19,7 @@ from __future__ import annotations
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.payload_ramp import PayloadRamp
+from ctc_chattering.controller.trips import check_change
 from ctc_chattering.dynamics.model import Model, PointMass
 from ctc_chattering.dynamics.payload import with_payload
 from ctc_chattering.dynamics.urdf_model import UrdfModel
@@ -116,3 +117,25 @@ def test_only_an_arm_of_a_description_carries_a_payload() -> None:
     model = Controller(ControllerConfig()).model
     with pytest.raises(CtcError, match='only the model of a description'):
         model.with_payload([PointMass(1.0, CENTER)])
+
+
+def test_a_payload_that_is_set_without_a_torque_is_there_with_the_first_one() -> None:
+    """A tool is changed while the brakes hold the arm."""
+    arm = UrdfModel(panda(), PANDA)
+    law = Controller(config(), arm)
+    law.configure(config(payload_mass=3.0, payload_center=CENTER))
+    held = tuple(gravity(arm))
+    law.reset(True, held)
+    assert gravity(law.model) == pytest.approx(gravity(arm), abs=1e-12)
+    law.reset(True)
+    loaded = gravity(arm.with_payload([PointMass(3.0, CENTER)]))
+    assert law.step(POSTURE, REST, POSTURE, REST, REST).tau == pytest.approx(loaded)
+
+
+def test_any_payload_may_be_set_at_once() -> None:
+    """It enters smoothly, and other parameters may still be set beside it."""
+    running = config(payload_mass=5.0, payload_center=CENTER)
+    check_change(running, running.changed({
+        'payload_mass': 0.01, 'payload_center': [9.0, 0.0, 0.0]}))
+    with pytest.raises(ParameterError, match='kp'):
+        check_change(running, running.changed({'kp': 1e6}))
