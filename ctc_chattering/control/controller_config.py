@@ -28,6 +28,7 @@ from ctc_chattering.control.laws.registry import (
     takes,
 )
 from ctc_chattering.dynamics.drive_response import discretize_drives, DriveModel
+from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import RobotConfig
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.linear_algebra import Vector
@@ -151,6 +152,13 @@ class ControllerConfig(RobotConfig):
     def takes(self, name: str) -> bool:
         """Return whether the law takes a parameter."""
         return takes(self.law, name)
+
+    def position_limits(self, model: Model) -> list[tuple[float, float]]:
+        """Return least and greatest positions, ∓inf where there are none."""
+        free = -inf, inf
+        endless = self.which_are_continuous(model.continuous)
+        limits = model.position_limits or (free,) * model.n
+        return [free if turns else limit for limit, turns in zip(limits, endless)]
 
     def largest_torque(self, of_model: Vector) -> tuple[float, ...]:
         """

@@ -18,18 +18,18 @@ Torque under which a person moves an arm by hand.
 `ControlLoop` sends it while the arm is guided. It carries the arm's weight and a part of its
 friction, damps the motion, and keeps it off the joint limits:
 
-    τ = G(q) + s F tanh(dq / v_F) - D (d dq + w (|dq| - v)₊ sgn(dq) + w² p + 2 w [p ≠ 0] dq)
+    τ = G(q) + s F tanh(dq / v_F) - D (d dq + w (|dq| - v)₊ sgn(dq) + w² p + 2 w σ dq)
 
 This is (HG1). D is the diagonal of M(q), so that the rates d and w act alike on a large joint and
 a small one. F is `friction_level`, v_F is `friction_velocity`. With a share s below 1 the friction
 that is left holds the arm where the model of its weight is wrong. p is the depth within a margin
-of a position limit, v is the speed from which on the damping is strong.
+of a position limit, and σ = min(|p| / p₀, 1) lets its damping begin without a step. v is the
+speed from which on the damping is strong.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from math import inf
 
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.model import Model
@@ -50,6 +50,8 @@ class GuidingRates:
     wall: float = 10.0
     #: Depth of a wall before a position limit [rad or m].
     margin: float = 0.1
+    #: p₀ [rad or m].
+    damped: float = 0.02
     #: v [rad/s or m/s].
     speed: float = 1.0
 
@@ -73,8 +75,7 @@ class HandGuiding:
         self._rates = rates or GuidingRates()
         self._friction = self._rates.friction_share * np.array(config.friction_level)
         self._friction_velocity = config.friction_velocity
-        limits = model.position_limits or ((-inf, inf),) * model.n
-        self._lower, self._upper = np.array(limits).T
+        self._lower, self._upper = np.array(config.position_limits(model)).T
         self._effort = np.array(config.largest_torque(model.effort_limits))
         self._step = seconds(period) * np.array(config.effort_rate_limit)
 
@@ -98,7 +99,8 @@ class HandGuiding:
         depth = self._wall_depth(position)
         excess = np.maximum(np.abs(velocity) - rates.speed, 0.0)
         braking = rates.damping * velocity + rates.wall * excess * np.sign(velocity)
-        braking += rates.wall ** 2 * depth + 2.0 * rates.wall * (depth != 0.0) * velocity
+        damped = np.minimum(np.abs(depth) / rates.damped, 1.0)
+        braking += rates.wall ** 2 * depth + 2.0 * rates.wall * damped * velocity
         friction = self._friction * np.tanh(velocity / self._friction_velocity)
         tau = np.array(model.gravity_torque(q)) + friction - inertia * braking
         tau = np.clip(tau, -self._effort, self._effort)

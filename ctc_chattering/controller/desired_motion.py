@@ -133,6 +133,9 @@ class DesiredMotion(Trajectory):
             return None
         return [self._rest.at(t + lag) for lag in self._lags]
 
+    def _turns_beside(self, t: int) -> Point | None:
+        return self.at(t) if self._rest is None else self._rest.at(t)
+
     def anchor_point(self, t: int) -> Point | None:
         """Return the point at `t` [ns] beside which turns are counted, if it is known."""
         way_back = self.way_back

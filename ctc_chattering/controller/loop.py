@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from math import isfinite
 from typing import cast, NamedTuple, NoReturn
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
@@ -201,7 +202,8 @@ class ControlLoop:
 
     def _first_beyond_limits(self, points: Sequence[Point]) -> BeyondLimit:
         """Return the first point beyond a position limit of the model."""
-        limits = self._law.model.position_limits if self._law is not None else ()
+        law = self._law
+        limits = law.config.position_limits(law.model) if law is not None else ()
         for i, (q, _, _) in enumerate(points):
             for name, x, (lower, upper) in zip(self._names, q, limits):
                 if not lower - LIMIT_TOLERANCE <= x <= upper + LIMIT_TOLERANCE:
@@ -374,8 +376,12 @@ class ControlLoop:
         zero = (0.0,) * len(self._names)
         law.advance_payload()
         tau = guiding.torque(law.model, state.q, state.dq, self._held or zero)
+        self._pending = None
+        if not all(map(isfinite, tau)):
+            raise RejectedMessage('overflow', (
+                f'a hand has no finite torque for q = {list(state.q)}, dq = {list(state.dq)}'))
         self._send(tau)
-        self._held, self._pending, self._has_sent = tau, None, True
+        self._held, self._has_sent = tau, True
         self.lost_states.may_follow = False
         self.handle(Input.GUIDE)
         sample = Sample(tau, zero, zero, zero, tau, zero, zero, None)

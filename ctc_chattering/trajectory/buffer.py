@@ -164,11 +164,15 @@ class Trajectory:
             return
         begin = times[0]
         if any(self.continuous):
-            state = self.at(begin)
+            state = self._turns_beside(begin)
             points = list(follow_turns(times, points, self.continuous, begin, state))
         seam = bisect_left(self._times, begin)
         self._times[seam:] = times
         self._points[seam:] = points
+
+    def _turns_beside(self, t: int) -> Point | None:
+        """Return the point at `t` [ns] whose turns a new chunk follows."""
+        return self.at(t)
 
     def forget(self, t: int) -> None:
         """Drop the points not needed from `t` [ns] on."""

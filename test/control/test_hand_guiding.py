@@ -102,3 +102,17 @@ def test_the_torque_keeps_the_limits_of_the_drives(name: str) -> None:
     else:
         steps = np.abs(np.diff(tau, axis=0)).max(axis=0)
         assert steps == pytest.approx([1e-3 * x for x in limit])
+
+
+def test_an_arm_enters_a_wall_without_a_step_of_its_torque() -> None:
+    """Also at a limit that counts for no joint that turns endlessly."""
+    limits = ((-1.0, 1.0), (-2.0, 2.0))
+    arm = TwoLink(9.81)
+    arm.position_limits = limits
+    guiding = HandGuiding(ControllerConfig(), arm, MS)
+    before, after = (
+        guiding.torque(arm, (q, 0.5), (1.0, 0.0), ZERO)[0] for q in (0.8999, 0.9001))
+    assert after == pytest.approx(before, abs=2.0)
+    endless = HandGuiding(ControllerConfig().changed({'continuous_joints': ['joint1']}), arm, MS)
+    q = 7.0, 0.5
+    assert endless.torque(arm, q, ZERO, ZERO) == pytest.approx(arm.gravity_torque(q))

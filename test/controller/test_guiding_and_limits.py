@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ctc_chattering.control.controller import Controller
+from ctc_chattering.controller.positions import JointSample
 from ctc_chattering.controller.state_machine import Input
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import CtcError, RejectedMessage
@@ -139,3 +140,39 @@ def test_a_reference_beyond_a_limit_is_stopped_before_it_and_held(lead: int) -> 
     rest(robot, 2000, 2100, q[-1])
     robot.state(2000, q[-1])
     assert mode(robot) == 'RUNNING'
+
+
+def test_a_held_joint_that_turns_endlessly_takes_over_a_reference_at_its_own_turn() -> None:
+    """The reference has gone on by most of a turn before it rests where the robot is."""
+    robot = Robot(True, continuous_joints=['joint1'])
+    turning = [((0.5 + 4e-3 * k, 0.7), (4.0, 0.0), (0.0, 0.0)) for k in range(1500)]
+    robot.loop.take_reference([k * MS for k in range(1500)], turning)
+    robot.state(0, LEFT)
+    robot.loop.guide(True)
+    robot.state(1, LEFT)
+    robot.loop.guide(False)
+    for k in range(2, 1300):
+        robot.state(k, LEFT)
+    rest(robot, 1300, 1400, LEFT)
+    robot.state(1301, LEFT)
+    assert mode(robot) == 'RUNNING'
+    gravity = robot.loop.law.model.gravity_torque(LEFT)  # type: ignore[union-attr]
+    assert robot.sent[-1] == pytest.approx(gravity)
+
+
+def test_a_joint_that_turns_endlessly_has_no_limits() -> None:
+    robot = Robot(True, continuous_joints=['joint1'])
+    model = TwoLink(9.81)
+    model.position_limits = ((-1.0, 1.0), (-9.0, 9.0))
+    robot.loop.law = Controller(robot.config, model)
+    rest(robot, 0, 100, (7.0, 0.7))
+    assert len(robot.loop.motion) == 100
+
+
+def test_a_state_without_a_finite_torque_for_a_hand_is_refused() -> None:
+    robot = left_by_hand(simulated=True)
+    before = len(robot.sent)
+    robot.loop.take_state(JointSample(20 * MS, LEFT, [1e308, 0.0]), 20 * MS, True)
+    with pytest.raises(RejectedMessage, match='no finite torque'):
+        robot.answer()
+    assert len(robot.sent) == before
