@@ -21,7 +21,7 @@ from ``clock`` or ``joint_states``. `MotionPlan` and `MotionSchedule` decide, th
 
 from __future__ import annotations
 
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 import time
 from typing import Any
@@ -107,8 +107,8 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             ValidatedSubscription(
                 self, JointTrajectory, f'~/{JOINT_TRAJECTORY}', self._on_waypoints, qos(10))]
         self._description = ''
-        #: Whether the motion goes home as soon as it is at rest.
-        self._home_requested = False
+        #: Replacement of the motion by a stop, after which it goes home.
+        self._stop_before_home: int | None = None
         self.urgent = [self.create_service(Trigger, '~/stop', self._on_stop),
                        self.create_service(Trigger, '~/home', self._on_home)]
         self._reports = ControllerReports(
@@ -169,7 +169,9 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         self._publish_chunks()
         if self._action is not None:
             self._action.update()
-        if self._home_requested and self._schedule.at_rest:
+        if self._stop_before_home not in (None, self._schedule.replacements):
+            self._stop_before_home = None
+        if self._stop_before_home is not None and self._schedule.at_rest:
             self._go_home()
 
     def status(self) -> Status:
@@ -233,7 +235,8 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
     def _on_error(self, sample: TrackingError) -> None:
         """Rest where the robot is held, and judge a goal."""
         is_held = self._reports.mode is Mode.HELD and not any(sample.dq_d)
-        if is_held and self._schedule.running and not self._schedule.rests_at(sample.q_d):
+        if is_held and self._schedule.running and not (
+                self._schedule.was_at(sample.t, sample.q_d)):
             self._schedule.rest_at(sample.q_d)
             self._publish_chunks()
             self.get_logger().info('the robot is held, and the reference rests at its position')
@@ -242,35 +245,45 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
 
     def _follow(self, route: Route, stamp: int) -> Followed:
         """Follow waypoints of the topic or the action."""
-        if len(route.points) and self._reports.mode in (Mode.GUIDED, Mode.HELD):
-            raise RejectedMessage('held', f'The robot is {self._reports.mode.text}.')
+        if len(route.points):
+            self._check_led()
         followed = self._schedule.follow(route, stamp)
         self._refused_waypoints = ''
-        remaining = self._schedule.time_until(followed.end)
         self.get_logger().info(f'{JOINT_TRAJECTORY} is accepted: {_description(followed)}; '
-                               f'the robot is at rest in {remaining:.3g} s')
+                               f'the robot is at rest {self._rest_time(followed)}')
         self._publish_chunks()
         return followed
 
+    def _check_led(self) -> None:
+        """Refuse a motion that the controller does not follow."""
+        mode = self._reports.mode
+        if mode in (Mode.GUIDED, Mode.HELD):
+            raise RejectedMessage('held', f'The robot is {mode.text}.')
+
+    def _rest_time(self, followed: Followed) -> str:
+        """Return in words when the motion comes to rest."""
+        remaining = self._schedule.time_until(followed.end)
+        return f'in {remaining:.3g} s' if remaining < inf else 'once speed_scaling is above 0'
+
     def _on_stop(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Bring the motion to rest on its path, and hold there."""
-        self._home_requested = False
+        self._stop_before_home = None
         try:
             followed = self._follow(Route((), [], []), 0)
         except CtcError as error:
             response.message = str(error)
             return response
-        remaining = self._schedule.time_until(followed.end)
         response.success = True
-        response.message = f'The motion stops. It rests in {remaining:.3g} s.'
+        response.message = f'The motion stops. It rests {self._rest_time(followed)}.'
         return response
 
     def _on_home(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Go to where the configured motion begins, after a stop."""
         if not self._schedule.at_rest:
             self._on_stop(request, response)
-            self._home_requested = response.success
-            response.message += ' Then it goes home.' if response.success else ''
+            if response.success:
+                self._stop_before_home = self._schedule.replacements
+                response.message += ' Then it goes home.'
             return response
         response.message = self._go_home()
         response.success = not self._refused_waypoints
@@ -278,8 +291,9 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
 
     def _go_home(self) -> str:
         """Begin the way home, and describe the outcome."""
-        self._home_requested = False
+        self._stop_before_home = None
         try:
+            self._check_led()
             checked = self._check_collisions(self._schedule.plan_home())
             self._schedule.follow_real_time(self.get_clock().now().nanoseconds)
             followed = self._schedule.go_home()
@@ -288,8 +302,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             self.get_logger().error(f'~/home: {error}')
             return str(error)
         self._refused_waypoints = ''
-        remaining = self._schedule.time_until(followed.end)
-        text = f'The motion goes home. It rests there in {remaining:.3g} s. {checked}'
+        text = f'The motion goes home. It rests there {self._rest_time(followed)}. {checked}'
         self.get_logger().info(f'~/home: {text}')
         self._publish_chunks()
         return text

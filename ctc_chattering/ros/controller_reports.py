@@ -22,6 +22,8 @@ listens.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import isfinite
+import time
 from typing import Any, NamedTuple
 
 from ctc_chattering.configuration.topics import DIAGNOSTICS, select, TRACKING
@@ -34,6 +36,9 @@ from ctc_chattering.ros.subscription import qos
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
+
+#: Time for which a report is believed: a controller sends one a second [s].
+MAX_AGE_S = 3.0
 
 
 class TrackingError(NamedTuple):
@@ -64,7 +69,7 @@ class ControllerReports:
     Attributes
     ----------
     mode : Mode or None
-        The mode reported last.
+        The mode reported last, None without a report for `MAX_AGE_S`.
 
     """
 
@@ -75,10 +80,15 @@ class ControllerReports:
         self._names = [f'{name}/{x}' for x in ('desired', 'error') for name in joint_names]
         self._on_mode = on_mode
         self._on_error = on_error
-        self.mode: Mode | None = None
+        self._mode: Mode | None = None
+        self._reported = 0.0
         self._controller = f'{node.get_namespace().rstrip("/")}/controller'
         self._tracking: Any = None
         node.create_subscription(DiagnosticArray, DIAGNOSTICS, self._read_mode, qos(10))
+
+    @property
+    def mode(self) -> Mode | None:
+        return self._mode if time.monotonic() - self._reported < MAX_AGE_S else None
 
     def listen(self) -> None:
         """Subscribe to the errors."""
@@ -91,7 +101,7 @@ class ControllerReports:
             values = {value.key: value.value for value in status.values}
             mode = Mode.__members__.get(values.get(MODE, ''))
             if status.name == self._controller and mode is not None:
-                self.mode = mode
+                self._mode, self._reported = mode, time.monotonic()
                 self._on_mode(mode, status.message)
 
     def _read_error(self, message: JointState) -> None:
@@ -99,6 +109,8 @@ class ControllerReports:
             q, dq = select(self._names, message.name, message.position, message.velocity)
         except RejectedMessage:
             return  # Of a controller for other joints.
+        if not all(map(isfinite, (*q, *dq))):
+            return
         n = len(q) // 2
         self._on_error(TrackingError(
             nanoseconds(message.header.stamp), q[:n], dq[:n], q[n:], dq[n:]))

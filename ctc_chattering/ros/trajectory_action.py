@@ -149,12 +149,9 @@ class TrajectoryAction:
         active, schedule = self._active, self._schedule
         if active is None:
             return
-        replaced = schedule.replacements != active.replacements
         if active.handle.is_cancel_requested:
-            if not replaced:
-                self._stop()
-            self._end(GoalEnd(GoalCode.SUCCESSFUL, 'The goal was cancelled, the motion stops.'))
-        elif replaced:
+            self._stop(GoalEnd(GoalCode.SUCCESSFUL, 'The goal was cancelled, the motion stops.'))
+        elif schedule.replacements != active.replacements:
             self._end(GoalEnd(GoalCode.INVALID_GOAL, 'Another motion replaced this goal.'))
         elif self._node.count_publishers(REFERENCE) > 1:
             self._abort(f'{REFERENCE} has several publishers, so that the controller obeys none.')
@@ -164,12 +161,14 @@ class TrajectoryAction:
 
     def _abort(self, text: str) -> None:
         """Stop the motion, and end its goal for a reason of the graph."""
-        if self._active is not None:
-            self._stop()
-            self._end(GoalEnd(GoalCode.INVALID_GOAL, text))
+        self._stop(GoalEnd(GoalCode.INVALID_GOAL, text))
 
-    def _stop(self) -> None:
-        self._follow(Route((), [], []), 0)
+    def _stop(self, verdict: GoalEnd) -> None:
+        """End the active goal, if there is one, and stop its motion."""
+        active = self._active
+        if active is not None and self._schedule.replacements == active.replacements:
+            self._follow(Route((), [], []), 0)
+        self._end(verdict)
 
     def _end(self, verdict: GoalEnd) -> None:
         """End the active goal, if there is one."""
@@ -197,9 +196,8 @@ class TrajectoryAction:
         self._send_feedback(active, sample)
         verdict = active.goal.judge(s, sample.e, sample.de)
         if verdict is not None:
-            if verdict.code is not GoalCode.SUCCESSFUL:
-                self._stop()
-            self._end(verdict)
+            end = self._end if verdict.code is GoalCode.SUCCESSFUL else self._stop
+            end(verdict)
 
     def _send_feedback(self, active: _ActiveGoal, sample: TrackingError) -> None:
         """Publish desired and actual state and error, if it is time."""

@@ -163,10 +163,9 @@ class MotionPlan:
 
     def restart(self) -> None:
         """Discard a motion that began at the robot, since time went back."""
-        if self.from_state:
-            self._replace(None)
+        self._replace(None if self.from_state else self.motion)
 
-    def follow(self, route: Route, now: int, begin: int, epoch: int = 0) -> Followed:
+    def follow(self, route: Route, now: int, begin: int) -> Followed:
         """
         Follow waypoints, or stop without any.
 
@@ -182,8 +181,6 @@ class MotionPlan:
             Present instant [ns].
         begin : int
             Instant from which the motion may be another one [ns].
-        epoch : int
-            Time of the user's clock at instant 0, for the text of errors [ns].
 
         Raises
         ------
@@ -203,11 +200,9 @@ class MotionPlan:
         route = requested.by_the_short_way(continuous, (begin, state))
         last = route.times[-1]
         if last <= now:
-            due = seconds(epoch + last)
-            present_time = seconds(epoch + now)
             raise PastWaypointsError(
-                f'all waypoints are past: the last one was due at {due:.3f} s, '
-                f'now it is {present_time:.3f} s; are the clocks synchronised?')
+                f'all waypoints are past: the last one was due {seconds(now - last):.3f} s ago; '
+                'are the clocks synchronised?')
         motion = Waypoints(route.times, route.points, (begin, state))
         if self.limits is not None:
             check_limits('the motion', self.limits, motion.extremes())
@@ -258,7 +253,7 @@ class MotionPlan:
         if isinstance(motion, Transition) and begin >= motion.end:
             motion = motion.target
         stands = isinstance(motion, (Stop, Waypoints)) and begin >= motion.end
-        return stands or (isinstance(motion, Sinusoid) and not any(self.config.amplitude))
+        return stands or (isinstance(motion, Sinusoid) and not any(self._shape[1]))
 
     def way_home(self, begin: int) -> Transition:
         """

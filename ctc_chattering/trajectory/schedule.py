@@ -40,6 +40,8 @@ from ctc_chattering.trajectory.waypoints import Route, Waypoints
 
 #: Largest change between two states of the time from stamp to arrival [ns].
 MAX_LEAD_CHANGE_NS = NANOSECONDS // 4
+#: Largest distance of two positions that are the same but for interpolation [rad or m].
+_SAME_POSITION = 1e-6
 #: Number of chunks that cover the horizon.
 CHUNKS_AHEAD = 4
 
@@ -216,7 +218,12 @@ class MotionSchedule:
         times = [start + t for t in route.times]
         route = route._replace(times=times)
         path_begin = self._clock.at(begin).instant
-        followed = self._plan.follow(route, self.path_time, path_begin, epoch)
+        if not times and not self._clock.at(begin).rate:
+            # The stop is over, so that nothing of it is left for a later speed.
+            q, _, _ = self._plan.motion.at(path_begin)
+            self.rest_at(q)
+            return Followed(0, 0, path_begin)
+        followed = self._plan.follow(route, self.path_time, path_begin)
         self._next = begin // self._period
         return followed
 
@@ -225,13 +232,11 @@ class MotionSchedule:
         """Tell whether the motion rests from now on."""
         return self.now is not None and self._plan.is_at_rest(self.path_time)
 
-    def rests_at(self, q: Vector) -> bool:
-        """Tell whether the motion rests at a position, shape (n,) [rad]."""
-        motion = self._plan.motion
-        if motion is None or not self.at_rest:
-            return False
-        position, _, _ = motion.at(self.path_time)
-        return list(position) == list(q)
+    def was_at(self, stamp: int, q: Vector) -> bool:
+        """Tell whether the motion was at a position, shape (n,) [rad], at a stamp [ns]."""
+        assert self._plan.motion is not None
+        position, _, _ = self._plan.motion.at(self.path_time_of(stamp))
+        return max(abs(x - y) for x, y in zip(position, q)) < _SAME_POSITION
 
     def rest_at(self, q: Vector) -> None:
         """

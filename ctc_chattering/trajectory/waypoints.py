@@ -37,6 +37,9 @@ from ctc_chattering.trajectory.buffer import follow_turns, interpolate, Point
 FIELDS = ('positions', 'velocities', 'accelerations')
 #: Points between two waypoints at which limits are checked.
 _CHECKS_PER_SEGMENT = 32
+#: The same of a motion with many waypoints, which together have `_MAX_CHECKS` where they can.
+_MIN_CHECKS_PER_SEGMENT = 8
+_MAX_CHECKS = 1600
 
 
 class PastWaypointsError(CtcError):
@@ -94,9 +97,11 @@ class Waypoints:
     def extremes(self) -> list[Point]:
         """Return points of every segment to check limits."""
         points = []
+        checks = _MAX_CHECKS // len(self._times)
+        checks = min(max(checks, _MIN_CHECKS_PER_SEGMENT), _CHECKS_PER_SEGMENT)
         for begin, end in pairwise(self._times):
-            for k in range(_CHECKS_PER_SEGMENT):
-                elapsed = (end - begin) * k // _CHECKS_PER_SEGMENT
+            for k in range(checks):
+                elapsed = (end - begin) * k // checks
                 points.append(self.at(begin + elapsed))
         points.append(self.at(self.end))
         return points
