@@ -385,7 +385,8 @@ def _allowed_error(setup: Setup, usual: Score) -> Array:
     largest = TRIAL.max_tracking_error * amplitude
     tracked = largest if usual.failure else np.minimum(usual.rms, largest)
     steps = TRIAL.min_error_steps * np.array(setup.plant.encoder_resolution)
-    return np.maximum.reduce([tracked, TRIAL.min_tracking_error * amplitude, steps])
+    allowed: Array = np.maximum.reduce([tracked, TRIAL.min_tracking_error * amplitude, steps])
+    return allowed
 
 
 def _find_failure(
