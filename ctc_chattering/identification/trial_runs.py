@@ -88,8 +88,10 @@ class TrialLimits:
     unexplained_frequencies: tuple[float, float] = (2.0, 20.0)
     #: Part of the samples that may be at the limit of the torque.
     max_saturated: float = 0.02
-    #: Error as a part of the amplitude.
+    #: Errors as a part of the amplitude: too large for any gains, and small enough for all. The
+    #: recorded gains may be those of a simulation, and track better than any law needs to.
     max_tracking_error: float = 0.5
+    min_tracking_error: float = 0.05
     #: Encoder steps that are no error.
     min_error_steps: float = 3.0
 
@@ -378,10 +380,13 @@ def _friction_at(identified: Identification, plant: PlantConfig, end: int) -> di
 
 
 def _allowed_error(setup: Setup, usual: Score) -> Array:
-    """Return the allowed RMS errors, those of `compensation`, (n,) [rad]."""
-    amplitude = TRIAL.max_tracking_error * np.array(setup.reference.amplitude)
-    tracked = amplitude if usual.failure else np.minimum(usual.rms, amplitude)
-    return np.maximum(tracked, TRIAL.min_error_steps * np.array(setup.plant.encoder_resolution))
+    """Return the allowed RMS errors, those of `compensation` within bounds, (n,) [rad]."""
+    amplitude = np.array(setup.reference.amplitude)
+    largest = TRIAL.max_tracking_error * amplitude
+    tracked = largest if usual.failure else np.minimum(usual.rms, largest)
+    steps = TRIAL.min_error_steps * np.array(setup.plant.encoder_resolution)
+    allowed: Array = np.maximum.reduce([tracked, TRIAL.min_tracking_error * amplitude, steps])
+    return allowed
 
 
 def _find_failure(

@@ -94,6 +94,24 @@ class ReferenceConfig(DescribedConfig):
         minimum=0.0, maximum=1.0)
 
 
+class StartError(CtcError):
+    """
+    A smooth start beyond the limits.
+
+    Attributes
+    ----------
+    enough : float or None
+        Duration that keeps the limits [s], None if no other does.
+
+    """
+
+    def __init__(self, duration: float, violations: str, enough: float | None) -> None:
+        advice = f'{enough:g} s keeps them' if enough else 'no other duration keeps them'
+        super().__init__(f'start_duration {duration:g} s: the start is beyond the limits of the '
+                         f'description: {violations}; {advice}')
+        self.enough = enough
+
+
 class JointSinusoid(NamedTuple):
     """Sinusoid of one joint."""
 
@@ -291,7 +309,7 @@ def _state(config: ReferenceConfig, start: RobotState, default: Point, continuou
 
 def _start_smoothly(make: Callable[[float], Transition], config: ReferenceConfig,
                     limits: Sequence[JointLimits] | None) -> Transition:
-    """Return a smooth start that keeps limits, or raise `CtcError`."""
+    """Return a smooth start that keeps limits, or raise `StartError`."""
     duration = config.start_duration
     start = make(duration)
     if limits is None:
@@ -299,10 +317,7 @@ def _start_smoothly(make: Callable[[float], Transition], config: ReferenceConfig
     enough = shortest_duration(make, duration, limits)
     if enough == duration:
         return start
-    text = describe_violations(limits, sample_passage(start))
-    advice = f'{enough:g} s keeps them' if enough else 'no other duration keeps them'
-    raise CtcError(f'start_duration {duration:g} s: the start is beyond the limits of the '
-                   f'description: {text}; {advice}')
+    raise StartError(duration, describe_violations(limits, sample_passage(start)), enough)
 
 
 def reference_table(

@@ -220,7 +220,7 @@ def test_two_publishers_of_states_are_refused_and_named(tmp_path: Path) -> None:
             for x in states]
     for name, more in (('between', others(300_000)), ('same', others(0))):
         write_bag(tmp_path / name, messages() + more)
-        refused(tmp_path / name, 'joint_states: ', 'are there two publishers of joint states')
+        refused(tmp_path / name, 'joint_states: ', 'two publishers of joint states')
 
 
 def test_runs_of_two_robots_are_refused_and_named(tmp_path: Path) -> None:

@@ -88,7 +88,7 @@ FAILS = {
     'tune --identified piped': ['identified.yaml: is a pipe'],
     BAG: ['without a gap; at least 2 s'], BAG.replace('bag', 'still'): ['at least 2 s'],
     'map map.yaml --scheduler nowhere': ['--scheduler nowhere', 'no scheduler answers'],
-    'map nowhere.yaml': ['there is no model nowhere:Arm'],
+    'map nowhere.yaml': ['the model nowhere:Arm cannot be imported'],
     'tune axes.yaml': ["ctc tune: axes.yaml: spec: 'axes' is not allowed; allowed: a mapping "]}
 #: Command lines that mean nothing: status 2.
 WRONG = {

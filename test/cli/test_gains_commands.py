@@ -40,7 +40,7 @@ def test_a_bag_becomes_numbers_gains_figures_and_a_page(
     assert main(command) == 0
     text = capsys.readouterr().out
     assert max(len(line) for line in text.splitlines() if str(tmp_path) not in line) <= 100
-    for words in ('Verdict', 'joint1: usable', 'Friction', 'delay of the torque: 0 samples',
+    for words in ('Verdict', 'joint1: usable', 'Friction', 'delay of the torque is 0 samples',
                   'ka = [', 'Next: run with identified.yaml'):
         assert words in text
     found = json.loads((out / 'identify.json').read_text())

@@ -109,10 +109,10 @@ def test_names_that_are_none(name: str) -> None:
 
 
 @pytest.mark.parametrize(('name', 'words'), [
-    ('nowhere.at_all:Cart', 'no model nowhere.at_all:Cart: ModuleNotFoundError'),
-    ('carts.slope:Nothing', 'no model carts.slope:Nothing: AttributeError'),
-    ('carts.slope:Broken', "cannot be made: KeyError: 'wheel'"),
-    ('carts.slope:NoModel', 'no class derived from ctc_chattering.Model'),
+    ('nowhere.at_all:Cart', 'nowhere.at_all:Cart cannot be imported: ModuleNotFoundError'),
+    ('carts.slope:Nothing', 'carts.slope:Nothing cannot be imported: AttributeError'),
+    ('carts.slope:Broken', "cannot be constructed: KeyError: 'wheel'"),
+    ('carts.slope:NoModel', 'not a class derived from ctc_chattering.Model'),
     ('carts.slope:Pair', 'joint_names: .* 2 names for model carts.slope:Pair')])
 def test_classes_that_are_none(name: str, words: str) -> None:
     """Check one line that says what is wrong."""

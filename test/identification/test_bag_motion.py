@@ -359,7 +359,7 @@ def test_the_state_of_a_franka_robot(tmp_path: Path) -> None:
     assert motion.recording.command[:-1] == pytest.approx(tau[1:])
     with sqlite3.connect(path / 'bag.db3') as database:
         database.execute('DELETE FROM message_definitions')
-    with pytest.raises(CtcError, match=f'no definition of {PANDA_STATE}, .*--storage mcap'):
+    with pytest.raises(CtcError, match=f'the bag does not define {PANDA_STATE}, .*--storage mcap'):
         read_motion(path, **topics)
 
 

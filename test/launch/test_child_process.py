@@ -85,7 +85,7 @@ def test_output_and_exit_report(start: Start, lines: list[str]) -> None:
     assert child.status == 3
     assert lines[:50] == [f'[kid] line {i}' for i in range(50)]
     assert len(lines) == 52
-    assert text.startswith('kid ended with status 3;')
+    assert text.startswith('kid ended with status 3. ')
     assert 'line 49' in text
     assert 'line 10' not in text
     assert 'oops' in text
@@ -93,7 +93,7 @@ def test_output_and_exit_report(start: Start, lines: list[str]) -> None:
 
 @pytest.mark.parametrize(('code', 'words'), [
     ('import os\nprint("x")\nos.kill(os.getpid(), 11)', ['ended with signal SIGSEGV', 'x']),
-    ('raise SystemExit(7)', ['kid ended with status 7;', 'it printed nothing'])])
+    ('raise SystemExit(7)', ['kid ended with status 7', 'it printed nothing'])])
 def test_exit_report_names_signal_or_status(code: str, words: list[str]) -> None:
     child = Child('kid', [sys.executable, '-c', code], lambda _: None)
     child.process.wait(DEADLINE)

@@ -81,7 +81,7 @@ def test_waypoints_of_a_clock_that_is_behind_move_nothing() -> None:
 
         moved = len(chunks)
         sent.publish(waypoints((1.0, (4.0, 1.5708)), (2.0, (4.1, 1.5708))))
-        it.until_said('joint_trajectory: accepted: 2 waypoints, 0 of them past; at rest in 2.')
+        it.until_said('joint_trajectory is accepted: 2 waypoints, 0 of them past; the robot is at rest in 2.')
         assert reports.until('reference', lambda r: r.level == OK, 'that all is well')
         it.until(lambda: chunks[-1].points[-1].positions[0] == 4.1, 'the last waypoint')
         rows = [p for m in chunks[:moved] for p in m.points]
@@ -144,7 +144,7 @@ def test_what_is_late_negative_or_out_of_order_is_told_apart() -> None:
             assert why in report.message
         sent.publish(waypoints((1.0, (9.0, 9.0)), (3.5, (3.3, 1.2)), (4.5, (3.0, 1.4)),
                                begin=8 * S))
-        it.until_said('accepted: 3 waypoints, 1 of them past; at rest in 2.5 s')
+        it.until_said('accepted: 3 waypoints, 1 of them past; the robot is at rest in 2.5 s')
         node.run_to(13 * S)
         at = node.points
         assert list(at[11_500 * MS].positions) == pytest.approx([3.3, 1.2])

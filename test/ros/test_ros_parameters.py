@@ -170,7 +170,7 @@ def test_a_set_is_all_or_nothing_and_nothing_that_is_sent_ends_a_node(
         assert_moving(it)
         # Each set would have to wait for messages otherwise.
         assert setters['plant'].all_or_nothing([('hold_at', 1e-3)]).successful
-        Diagnostics(it).until('plant', lambda r: r.message.startswith('held'), 'the hold')
+        Diagnostics(it).until('plant', lambda r: 'is held at' in r.message, 'the hold')
         assert_a_law_brings_its_gains(setters['controller'])
         for name, value, words in (
                 ('law', 'picky:law', 'only at the start'),
