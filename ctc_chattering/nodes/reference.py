@@ -68,6 +68,8 @@ _COLLISION_CHECKS = 201
 _CLEARANCE_M = 0.02
 #: Time between two attempts to begin, where the start is refused [ns].
 _RETRY_NS = 5 * NANOSECONDS
+#: Modes in which the controller does not follow the reference.
+_LED = Mode.GUIDED, Mode.HELD
 
 
 class ReferenceNode(LoopNode[ReferenceNodeConfig]):
@@ -257,8 +259,8 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
     def _check_led(self) -> None:
         """Refuse a motion that the controller does not follow."""
         mode = self._reports.mode
-        if mode in (Mode.GUIDED, Mode.HELD):
-            raise RejectedMessage('held', f'The robot is {mode.text}.')
+        if mode in _LED:
+            raise RejectedMessage('held', f'the robot is {mode.text}')
 
     def _rest_time(self, followed: Followed) -> str:
         """Return in words when the motion comes to rest."""
@@ -279,7 +281,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
 
     def _on_home(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Go to where the configured motion begins, after a stop."""
-        if not self._schedule.at_rest:
+        if not self._schedule.at_rest and self._reports.mode not in _LED:
             self._on_stop(request, response)
             if response.success:
                 self._stop_before_home = self._schedule.replacements

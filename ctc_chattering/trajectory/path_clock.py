@@ -111,9 +111,11 @@ class PathClock:
             rate_change)
 
     def instant_of(self, s: int) -> int | None:
-        """Return the instant at which path time `s` is reached [ns], None for never."""
-        missing = s - self.at(self.end).instant
-        return self.end + round(missing / self.rate) if self.rate else None
+        """Return when path time `s` is reached [ns], at `end` or later, None for never."""
+        missing = max(s - self.at(self.end).instant, 0)
+        if missing and not self.rate:
+            return None
+        return self.end + (round(missing / self.rate) if missing else 0)
 
 
 def _scale(elapsed: int, rate: float) -> int:

@@ -51,7 +51,7 @@ def waypoints(*points: tuple[float, Sequence[float]], begin: int = 0) -> JointTr
 
 def test_waypoints_of_a_clock_that_is_behind_move_nothing() -> None:
     """
-    In real time: all past, by an hour, refused with both times, shown until some are accepted.
+    In real time: all past, by an hour, refused with their age, shown until some are accepted.
 
     Before, they were gone through at once: at 6.6 rad/s, where they ask for 0.35.
     """
@@ -76,12 +76,12 @@ def test_waypoints_of_a_clock_that_is_behind_move_nothing() -> None:
         assert report.level == WARN
         assert 'motion continues, because joint_trajectory was refused: all waypoints are ' in (
             report.message)
-        it.until_said(
-            f'all waypoints are past: the last one was due at {(begin + 10 * S) / S:.3f} s, now')
+        it.until_said('all waypoints are past: the last one was due 3')
 
         moved = len(chunks)
         sent.publish(waypoints((1.0, (4.0, 1.5708)), (2.0, (4.1, 1.5708))))
-        it.until_said('joint_trajectory is accepted: 2 waypoints, 0 of them past; the robot is at rest in 2.')
+        it.until_said('joint_trajectory is accepted: 2 waypoints, 0 of them past; the robot is at '
+                      'rest in 2.')
         assert reports.until('reference', lambda r: r.level == OK, 'that all is well')
         it.until(lambda: chunks[-1].points[-1].positions[0] == 4.1, 'the last waypoint')
         rows = [p for m in chunks[:moved] for p in m.points]
@@ -136,7 +136,7 @@ def test_what_is_late_negative_or_out_of_order_is_told_apart() -> None:
                 (negative, 'points[0].time_from_start: -1.0 is not allowed; allowed: 0 s or more'),
                 (waypoints((1.0, (3.0, 1.0)), (1.0, (3.0, 1.0))), 'points[1].time_from_start'),
                 (waypoints((1.0, (3.0, 1.0)), begin=8 * S), 'all waypoints are past: the last one '
-                 'was due at 9.000 s, now it is 10.000 s')), 1):
+                 'was due 1.000 s ago')), 1):
             sent.publish(wrong)
             report = reports.until('reference', lambda r, count=count:  # type: ignore[misc]
                                    r.refused(TOPIC).get('waypoints') == count

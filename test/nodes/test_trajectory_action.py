@@ -33,6 +33,7 @@ from processes import Probe, probe
 import pytest
 from rclpy.action import ActionClient
 from ros_messages import MS, stamp
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -150,6 +151,12 @@ def test_a_goal_that_is_not_allowed_says_why_and_moves_nothing() -> None:
                 (action.goal(near, names=('a', 'b')), GoalCode.INVALID_JOINTS),
                 (action.goal(near, begin=S // 2), GoalCode.OLD_HEADER_TIMESTAMP),
                 (action.goal(near, near), GoalCode.INVALID_GOAL),
+                (action.goal((1.0, (np.nan, 1.5))), GoalCode.INVALID_GOAL),
+                (action.goal((1.0, (1e308, -1e308)), (2.0, (-1e308, 1e308))),
+                 GoalCode.INVALID_GOAL),
+                (action.goal((1.0, (3.0, 1.5, 1.0))), GoalCode.INVALID_GOAL),
+                (action.goal((1.0, ())), GoalCode.INVALID_GOAL),
+                (action.goal(near, names=('joint1', 'joint1')), GoalCode.INVALID_JOINTS),
                 (action.goal(), GoalCode.INVALID_GOAL),
                 (action.goal(near, path_tolerance=[JointTolerance(name='joint1', position=-0.5)]),
                  GoalCode.INVALID_GOAL),
@@ -203,7 +210,7 @@ def test_a_cancelled_goal_stops_smoothly_and_a_new_one_replaces_the_old() -> Non
         assert np.abs(np.diff(q, axis=0) / 0.01 - 0.5 * (dq[1:] + dq[:-1])).max() < 0.02
 
 
-@pytest.mark.parametrize('reason', ['trip', 'topic', 'parameter', 'publisher', 'silence'])
+@pytest.mark.parametrize('reason', ['trip', 'topic', 'parameter', 'publisher', 'silence', 'time'])
 def test_a_goal_ends_with_an_error_when_something_else_decides(reason: str) -> None:
     with probe() as it:
         action = ActionUnderTest(it)
@@ -215,7 +222,7 @@ def test_a_goal_ends_with_an_error_when_something_else_decides(reason: str) -> N
             action.node.run_to(action.node.now + S)
             assert not future.done()
             action.report('TRIPPED', 'tripped: joint1 has left its limits')
-            text = 'The controller sends no torque: tripped: joint1 has left its limits'
+            text = 'The controller does not follow: tripped: joint1 has left its limits'
         elif reason == 'topic':
             topic = it.node.create_publisher(JointTrajectory, 'reference/joint_trajectory', 10)
             it.until(topic.get_subscription_count, 'the reference')
@@ -224,6 +231,9 @@ def test_a_goal_ends_with_an_error_when_something_else_decides(reason: str) -> N
         elif reason == 'parameter':
             assert it.set('reference', 'amplitude', [0.1, 0.1]).successful
             action.node.run_to(action.node.now + S)
+            text = 'Another motion replaced this goal.'
+        elif reason == 'time':
+            action.node.clock.publish(Clock(clock=stamp(0)))
             text = 'Another motion replaced this goal.'
         elif reason == 'publisher':
             it.node.create_publisher(JointTrajectory, 'reference', 10)
