@@ -21,6 +21,7 @@ sample.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import cast
 
 from ctc_chattering.numerics.linear_algebra import Vector
@@ -40,8 +41,11 @@ from ctc_chattering.trajectory.waypoints import Waypoints
 _TAKEOVER_DISTANCE = 1e-3
 #: Time between the waypoints of a stop before a limit [ns].
 _STOP_STEP_NS = NANOSECONDS // 100
-#: Share of the time before a limit that a stop may use along the path.
-_STOP_SHARE = 0.9
+#: Factor from one duration of this stop that is tried to the next, and their number.
+_STOP_FACTOR = 0.7
+_STOP_TRIALS = 12
+#: Shortest duration of this stop: a limit that is too near is passed rather than braked for [s].
+_SHORTEST_STOP_S = 0.02
 #: Time without a torque after which the robot may be far from the reference [ns].
 PAUSE = NANOSECONDS // 10
 
@@ -104,20 +108,26 @@ class DesiredMotion(Trajectory):
         self.way_back = None
         self._rest = rest
 
-    def stop_before(self, t: int, begin: int) -> None:
+    def stop_within(self, begin: int, is_allowed: Callable[[Vector], bool]) -> None:
         """
-        Come to rest on the path before instant `t`, and hold.
+        Come to rest on the path, or the line by which it goes on, and hold.
 
         Parameters
         ----------
-        t, begin : int
-            Instant that must not be reached, and that from which on the motion slows down [ns].
+        begin : int
+            Instant from which on the motion slows down [ns].
+        is_allowed : callable
+            Tells whether it may rest at a position, shape (n,) [rad].
 
         """
-        # Half of the duration of a stop is time along the path.
-        duration = min(2.0 * BRAKING_TIME, _STOP_SHARE * 2.0 * seconds(max(t - begin, 1)))
         path = self.way_back or cast('TimedMotion', self)
-        stop = Stop(path, begin, duration)
+        # Half of the duration of a stop is time along the path.
+        longest = 2.0 * seconds(max(self._times[-1] - begin, 0) + self.grace)
+        for k in range(_STOP_TRIALS):
+            duration = min(2.0 * BRAKING_TIME, longest) * _STOP_FACTOR ** k
+            stop = Stop(path, begin, max(duration, _SHORTEST_STOP_S))
+            if is_allowed(stop.at(stop.end)[0]):
+                break
         times = [*range(begin, stop.end, max(self._period, _STOP_STEP_NS)), stop.end]
         self.hold(Waypoints(times, [stop.at(instant) for instant in times]))
 
@@ -127,7 +137,8 @@ class DesiredMotion(Trajectory):
             self._rest = braking(t, (q, dq, (0.0,) * len(q)), BRAKING_TIME)
         held = self._rest.at(t)
         reference = self.at(t)
-        if t >= self._rest.end and reference is not None and _rests_at(reference, held):
+        is_due = t >= self._rest.end and not self.overdue(t)
+        if is_due and reference is not None and _rests_at(reference, held):
             self.holding = False
             self._rest = None
             return None

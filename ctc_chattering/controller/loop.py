@@ -194,28 +194,30 @@ class ControlLoop:
         beyond = self._first_beyond_limits(points)
         self.motion.extend(times[:beyond.allowed], points[:beyond.allowed])
         if beyond.text:
-            self._stop_before_limit(times[beyond.allowed], beyond.text)
+            self._stop_before_limit(beyond.text)
         if self.last is not None:
             self.motion.forget(self.last.t - self.period)
         if self.last is None or self.watchdog.out:
             self.motion.limit(max(_MAX_POINTS, len(times)))
 
-    def _first_beyond_limits(self, points: Sequence[Point]) -> BeyondLimit:
+    def _first_beyond_limits(self, points: Sequence[Point],
+                             tolerance: float = LIMIT_TOLERANCE) -> BeyondLimit:
         """Return the first point beyond a position limit of the model."""
         law = self._law
         limits = law.config.position_limits(law.model) if law is not None else ()
         for i, (q, _, _) in enumerate(points):
             for name, x, (lower, upper) in zip(self._names, q, limits):
-                if not lower - LIMIT_TOLERANCE <= x <= upper + LIMIT_TOLERANCE:
+                if not lower - tolerance <= x <= upper + tolerance:
                     return BeyondLimit(i, f'{name}: {x:.4g} is beyond its limits, {lower:.4g} to '
                                        f'{upper:.4g}')
         return BeyondLimit(len(points), '')
 
-    def _stop_before_limit(self, t: int, text: str) -> None:
-        """Stop the motion before an instant beyond a limit, and refuse the rest of it."""
+    def _stop_before_limit(self, text: str) -> None:
+        """Stop the motion before a limit, and refuse the rest of it."""
         begin = None if self.last is None else self.last.t + self.period
         if begin is not None and self.motion.at(begin) is not None and not self.motion.holding:
-            self.motion.stop_before(t, begin)
+            self.motion.stop_within(begin, lambda q: not self._first_beyond_limits(
+                [(q, (), ())], tolerance=0.0).text)
             self.hold_reason = text
             self._log.error(f'reference: {text}; stopping before it')
         raise RejectedMessage('limit', text)

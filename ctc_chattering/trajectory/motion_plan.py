@@ -165,7 +165,7 @@ class MotionPlan:
         """Discard a motion that began at the robot, since time went back."""
         self._replace(None if self.from_state else self.motion)
 
-    def follow(self, route: Route, now: int, begin: int) -> Followed:
+    def follow(self, route: Route, now: int, begin: int, rate: float = 1.0) -> Followed:
         """
         Follow waypoints, or stop without any.
 
@@ -181,6 +181,8 @@ class MotionPlan:
             Present instant [ns].
         begin : int
             Instant from which the motion may be another one [ns].
+        rate : float
+            Speed of path time, at which a stop takes as long as at full speed.
 
         Raises
         ------
@@ -193,7 +195,7 @@ class MotionPlan:
         if isinstance(present, Transition) and present.t0 == present.end == begin:
             present = present.origin  # A replacement that has not begun is itself replaced.
         if not len(route.points):
-            return self._stop(route, present, begin)
+            return self._stop(route, present, begin, BRAKING_TIME * rate)
         state = present.at(begin)
         requested = route.ordered(self.config.joint_names)
         continuous = continuous_joints(self.config, self.limits)
@@ -234,7 +236,7 @@ class MotionPlan:
             self.config.start_duration or _JOIN_TIME_S,
             limits)
 
-    def _stop(self, route: Route, present: TimedMotion, begin: int) -> Followed:
+    def _stop(self, route: Route, present: TimedMotion, begin: int, shortest: float) -> Followed:
         """Bring a motion to rest on its path."""
         if route.names:
             check_names(route.names, self.config.joint_names)
@@ -242,7 +244,7 @@ class MotionPlan:
             return Followed(0, 0, present.end)
         stop = fit_duration(
             lambda duration: Stop(present, begin, duration),
-            BRAKING_TIME,
+            shortest,
             self.limits)
         self._replace(stop)
         return Followed(0, 0, stop.end)

@@ -218,12 +218,13 @@ class MotionSchedule:
         times = [start + t for t in route.times]
         route = route._replace(times=times)
         path_begin = self._clock.at(begin).instant
-        if not times and not self._clock.at(begin).rate:
+        rate = self._clock.at(begin).rate
+        if not times and not rate:
             # The stop is over, so that nothing of it is left for a later speed.
             q, _, _ = self._plan.motion.at(path_begin)
             self.rest_at(q)
             return Followed(0, 0, path_begin)
-        followed = self._plan.follow(route, self.path_time, path_begin)
+        followed = self._plan.follow(route, self.path_time, path_begin, rate)
         self._next = begin // self._period
         return followed
 

@@ -176,3 +176,24 @@ def test_a_state_without_a_finite_torque_for_a_hand_is_refused() -> None:
     with pytest.raises(RejectedMessage, match='no finite torque'):
         robot.answer()
     assert len(robot.sent) == before
+
+
+def test_a_reference_that_jumps_beyond_a_limit_is_stopped_smoothly() -> None:
+    """It moves at 1 rad/s, far from the limit, and only a sample more of it is known."""
+    robot = Robot(simulated=True)
+    model = TwoLink(9.81)
+    model.position_limits = ((-3.0, 3.0), (-9.0, 9.0))
+    robot.loop.law = Controller(robot.config, model)
+    moving = [((1e-3 * k, 0.7), (1.0, 0.0), (0.0, 0.0)) for k in range(102)]
+    robot.loop.take_reference([k * MS for k in range(102)], moving)
+    for k in range(100):
+        robot.state(k, moving[k][0])
+    with pytest.raises(RejectedMessage):
+        robot.loop.take_reference([102 * MS], [((50.0, 0.7), (0.0, 0.0), (0.0, 0.0))])
+    dq = []
+    for k in range(100, 600):
+        points = robot.loop.motion.desired(k * MS, LEFT, ZERO, wait=True)
+        assert points is not None
+        dq.append(points[0][1][0])
+    assert dq[0] == pytest.approx(1.0, abs=0.01) and not dq[-1]
+    assert np.abs(np.diff(dq)).max() < 0.01

@@ -126,3 +126,15 @@ def test_the_simulation_has_the_published_motion_to_the_last_bit(route: Route | 
         rows += [point for _, points in schedule.chunks() for point in points]
     table = reference_table(config, route, start, config.joint_names, 10 * MS, len(rows))
     assert np.array_equal(table, np.array(rows, float).reshape(table.shape))
+
+
+@pytest.mark.parametrize('rate', [1.0, 0.3, 0.02, 0.0])
+def test_a_stop_takes_no_longer_at_a_lower_speed(rate: float) -> None:
+    plan = MotionPlan(CONFIG.changed({'speed_scaling': rate}), None)
+    plan.prepare()
+    schedule = MotionSchedule(plan, 10 * MS, 400 * MS)
+    schedule.follow_clock(S)
+    followed = schedule.follow(Route((), [], []), 0)
+    assert schedule.time_until(followed.end) == pytest.approx(0.6 if rate else 0.0, abs=1e-3)
+    schedule.follow_clock(2 * S)
+    assert schedule.at_rest
