@@ -32,6 +32,7 @@ import xml.etree.ElementTree as ET
 
 from ctc_chattering.configuration.package_share import find_mesh
 from ctc_chattering.dynamics.kinematics import ForwardKinematics
+from ctc_chattering.dynamics.urdf_model import pinocchio
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.numerics.linear_algebra import Array
@@ -131,7 +132,7 @@ class SelfCollision:
             raise CtcError('there is no description of its links')
         tree = Tree(description)
         text, self.unseen = shaped(tree)
-        self._pin: Any = importlib.import_module('pinocchio')
+        self._pin = pinocchio()
         if not hasattr(self._pin, 'computeDistance'):
             raise CtcError('this Pinocchio has no coal')
         self._kinematics = ForwardKinematics(tree, joints, locked)

@@ -115,7 +115,7 @@ class ControllerConfig(RobotConfig):
         'enters the model within a second.', 'kg', maximum=1e3)
     payload_center: Position = parameter(
         (0.0, 0.0, 0.0), 'Centre of mass of the payload in the frame of the last link.', 'm',
-        minimum=-inf)
+        minimum=-10.0, maximum=10.0)
     inertia_scale: float = parameter(
         1.0, 'Factor on M and C, to study model errors.', minimum=LEAST, read_only=True)
     gravity_scale: float = parameter(1.0, 'Factor on G, to study model errors.', read_only=True)

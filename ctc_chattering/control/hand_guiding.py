@@ -56,6 +56,9 @@ class GuidingRates:
     speed: float = 1.0
 
 
+_RATES = GuidingRates()
+
+
 class HandGuiding:
     """
     The torque (HG1) of an arm, within the limits of its drives.
@@ -66,14 +69,11 @@ class HandGuiding:
     model : Model
     period : int
         Control period [ns].
-    rates : GuidingRates, optional
 
     """
 
-    def __init__(self, config: ControllerConfig, model: Model, period: int,
-                 rates: GuidingRates | None = None) -> None:
-        self._rates = rates or GuidingRates()
-        self._friction = self._rates.friction_share * np.array(config.friction_level)
+    def __init__(self, config: ControllerConfig, model: Model, period: int) -> None:
+        self._friction = _RATES.friction_share * np.array(config.friction_level)
         self._friction_velocity = config.friction_velocity
         self._lower, self._upper = np.array(config.position_limits(model)).T
         self._effort = np.array(config.largest_torque(model.effort_limits))
@@ -93,7 +93,7 @@ class HandGuiding:
             Torque sent last [N·m].
 
         """
-        rates = self._rates
+        rates = _RATES
         position, velocity = np.array(q), np.array(dq)
         inertia = np.diag(np.array(model.mass_matrix(q)))
         depth = self._wall_depth(position)
@@ -110,7 +110,6 @@ class HandGuiding:
 
     def _wall_depth(self, q: Array) -> Array:
         """Return the signed depth within the walls [rad]."""
-        margin = self._rates.margin
-        above: Array = np.maximum(q - (self._upper - margin), 0.0)
-        below: Array = np.maximum(self._lower + margin - q, 0.0)
+        above: Array = np.maximum(q - (self._upper - _RATES.margin), 0.0)
+        below: Array = np.maximum(self._lower + _RATES.margin - q, 0.0)
         return above - below

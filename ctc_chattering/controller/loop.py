@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from itertools import takewhile
 from math import isfinite
 from typing import cast, NamedTuple, NoReturn
 
@@ -55,15 +56,6 @@ from ctc_chattering.trajectory.transitions import BRAKING_TIME, Stop, TimedMotio
 _MAX_POINTS = 60_000
 #: Steps are too slow if each of so many takes more than a period.
 _SLOW_STEPS = 10
-
-
-class BeyondLimit(NamedTuple):
-    """First point of a reference beyond a position limit."""
-
-    #: Number of points before it.
-    allowed: int
-    #: What is beyond which limit, empty for nothing.
-    text: str
 
 
 class Answer(NamedTuple):
@@ -127,6 +119,8 @@ class ControlLoop:
         self._names, self.period = config.joint_names, period_ns(config.control_period)
         self._send, self._log = send, logger
         self._law: Controller | None = None
+        #: Least and greatest position of each joint, empty without a law.
+        self._limits: Sequence[tuple[float, float]] = ()
         self.mode = Mode.WAITING_FOR_STATE if enabled else Mode.DISABLED
         self.simulated = False
         self.motion = DesiredMotion(
@@ -167,6 +161,7 @@ class ControlLoop:
     def law(self, law: Controller) -> None:
         self._law = law
         self._positions.continuous = self.motion.continuous = law.continuous
+        self._limits = law.config.position_limits(law.model)
 
     def take_reference(self, times: Sequence[int], points: Sequence[Point]) -> None:
         """
@@ -191,33 +186,28 @@ class ControlLoop:
             raise RejectedMessage('past', (
                 f'all of its points are past: the last one is at {seconds(times[-1]):.3f} s, the '
                 f'last state at {seconds(self.last.t):.3f} s; are the clocks synchronised?'))
-        beyond = self._first_beyond_limits(points)
-        self.motion.extend(times[:beyond.allowed], points[:beyond.allowed])
-        if beyond.text:
-            self._stop_before_limit(beyond.text)
+        allowed = list(takewhile(lambda point: not self._violation(point[0]), points))
+        self.motion.extend(times[:len(allowed)], allowed)
+        if len(allowed) < len(points):
+            q, _, _ = points[len(allowed)]
+            self._stop_before_limit(self._violation(q))
         if self.last is not None:
             self.motion.forget(self.last.t - self.period)
         if self.last is None or self.watchdog.out:
             self.motion.limit(max(_MAX_POINTS, len(times)))
 
-    def _first_beyond_limits(self, points: Sequence[Point],
-                             tolerance: float = LIMIT_TOLERANCE) -> BeyondLimit:
-        """Return the first point beyond a position limit of the model."""
-        law = self._law
-        limits = law.config.position_limits(law.model) if law is not None else ()
-        for i, (q, _, _) in enumerate(points):
-            for name, x, (lower, upper) in zip(self._names, q, limits):
-                if not lower - tolerance <= x <= upper + tolerance:
-                    return BeyondLimit(i, f'{name}: {x:.4g} is beyond its limits, {lower:.4g} to '
-                                       f'{upper:.4g}')
-        return BeyondLimit(len(points), '')
+    def _violation(self, q: Vector, tolerance: float = LIMIT_TOLERANCE) -> str:
+        """Describe how a position exceeds a limit of the model, if it does."""
+        for name, x, (lower, upper) in zip(self._names, q, self._limits):
+            if not lower - tolerance <= x <= upper + tolerance:
+                return f'{name}: {x:.4g} is beyond its limits, {lower:.4g} to {upper:.4g}'
+        return ''
 
     def _stop_before_limit(self, text: str) -> None:
         """Stop the motion before a limit, and refuse the rest of it."""
         begin = None if self.last is None else self.last.t + self.period
         if begin is not None and self.motion.at(begin) is not None and not self.motion.holding:
-            self.motion.stop_within(begin, lambda q: not self._first_beyond_limits(
-                [(q, (), ())], tolerance=0.0).text)
+            self.motion.stop_within(begin, lambda q: not self._violation(q, tolerance=0.0))
             self.hold_reason = text
             self._log.error(f'reference: {text}; stopping before it')
         raise RejectedMessage('limit', text)

@@ -117,7 +117,8 @@ class MotionPlan:
         """Motion over path time. None before it has begun."""
         return self._motion
 
-    def _replace(self, motion: TimedMotion | None) -> None:
+    def take(self, motion: TimedMotion | None) -> None:
+        """Follow another motion from now on, or none."""
         self._motion = motion
         self.replacements += 1
 
@@ -158,12 +159,12 @@ class MotionPlan:
             If it would lead beyond the limits.
 
         """
-        self._replace(make_motion(self.config, self._route, start, t, self.limits))
+        self.take(make_motion(self.config, self._route, start, t, self.limits))
         self._shape = _shape(self.config)
 
     def restart(self) -> None:
         """Discard a motion that began at the robot, since time went back."""
-        self._replace(None if self.from_state else self.motion)
+        self.take(None if self.from_state else self.motion)
 
     def follow(self, route: Route, now: int, begin: int, rate: float = 1.0) -> Followed:
         """
@@ -212,7 +213,7 @@ class MotionPlan:
         passage: Waypoints | Transition = motion
         if past:
             passage = self._join(route, past, motion, begin, state)
-        self._replace(Transition(present, passage, begin, 0.0))
+        self.take(Transition(present, passage, begin, 0.0))
         end = max(last, passage.end)
         return Followed(len(route.points), past, end, _turned_joints(requested, route))
 
@@ -246,7 +247,7 @@ class MotionPlan:
             lambda duration: Stop(present, begin, duration),
             shortest,
             self.limits)
-        self._replace(stop)
+        self.take(stop)
         return Followed(0, 0, stop.end)
 
     def is_at_rest(self, begin: int) -> bool:
@@ -292,10 +293,6 @@ class MotionPlan:
         check_limits('the way home', limits, sample_passage(path))
         return path
 
-    def take(self, motion: TimedMotion) -> None:
-        """Follow another motion from now on."""
-        self._replace(motion)
-
     def update(self, now: int, begin: int) -> bool:
         """
         Pass into a changed profile, and return whether this call began it.
@@ -316,7 +313,7 @@ class MotionPlan:
         if present is None or isinstance(present, Transition) or not self.change_pending:
             return False
         changed = make_motion(self.config.changed({'start_duration': 0.0}))
-        self._replace(fit_duration(
+        self.take(fit_duration(
             lambda duration: Transition(present, changed, begin, duration),
             self.config.start_duration or _CHANGE_TIME_S,
             self.limits))

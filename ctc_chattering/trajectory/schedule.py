@@ -35,7 +35,12 @@ from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.motion_plan import Followed, MotionPlan
 from ctc_chattering.trajectory.path_clock import PathClock, ScaledMotion
 from ctc_chattering.trajectory.reference import RobotState
-from ctc_chattering.trajectory.transitions import BRAKING_TIME, fit_duration, Transition
+from ctc_chattering.trajectory.transitions import (
+    BRAKING_TIME,
+    fit_duration,
+    TimedMotion,
+    Transition,
+)
 from ctc_chattering.trajectory.waypoints import Route, Waypoints
 
 #: Largest change between two states of the time from stamp to arrival [ns].
@@ -245,25 +250,28 @@ class MotionSchedule:
 
         The motion jumps there: only a robot that is held there already may be led by it.
         """
-        assert self.now is not None
-        begin = self._after_published(self.now)
         zeros = (0.0,) * len(q)
-        s = self._clock.at(begin).instant
-        self._plan.take(Waypoints([s], [(q, zeros, zeros)]))
-        self._next = begin // self._period
+        self._take(Waypoints([self._path_begin], [(q, zeros, zeros)]))
 
     def plan_home(self) -> Transition:
         """Return the way home from the rest at which the motion is, as `MotionPlan.way_home`."""
-        assert self.now is not None
-        return self._plan.way_home(self._clock.at(self._after_published(self.now)).instant)
+        return self._plan.way_home(self._path_begin)
 
     def go_home(self) -> Followed:
         """Follow the way home after what has been published."""
-        assert self.now is not None
         path = self.plan_home()
-        self._plan.take(path)
-        self._next = self._after_published(self.now) // self._period
+        self._take(path)
         return Followed(1, 0, path.end)
+
+    @property
+    def _path_begin(self) -> int:
+        """First path time that may still change [ns]."""
+        return self._clock.at(self._after_published(self.now or 0)).instant
+
+    def _take(self, motion: TimedMotion) -> None:
+        """Follow another motion after what has been published."""
+        self._plan.take(motion)
+        self._next = self._after_published(self.now or 0) // self._period
 
     def update(self) -> int | None:
         """
