@@ -70,9 +70,15 @@ class HandGuiding:
     period : int
         Control period [ns].
 
+    Attributes
+    ----------
+    config : ControllerConfig
+        As given.
+
     """
 
     def __init__(self, config: ControllerConfig, model: Model, period: int) -> None:
+        self.config = config
         self._friction = _RATES.friction_share * np.array(config.friction_level)
         self._friction_velocity = config.friction_velocity
         self._lower, self._upper = np.array(config.position_limits(model)).T

@@ -328,6 +328,8 @@ class ControlLoop:
         instant = law.instant(state.t)
         is_allowed = self.mode.allows_torque
         if self._guiding is not None and is_allowed and matched:
+            if self._guiding.config is not law.config:
+                self._guiding = HandGuiding(law.config, law.model, self.period)
             return self._answer_hand(self._guiding, law, state)
         points = None
         if is_allowed and matched:

@@ -117,6 +117,8 @@ class TrajectoryAction:
         self._listen = listen
         self.config = config
         self._active: _ActiveGoal | None = None
+        #: Why the controller would not follow a goal.
+        self._refusal = ''
         self._server = ActionServer(
             node, FollowJointTrajectory, f'~/{config.action_name}', self._execute,
             goal_callback=lambda _goal: GoalResponse.ACCEPT,
@@ -129,6 +131,8 @@ class TrajectoryAction:
         try:
             if not trajectory.points or request.multi_dof_trajectory.points:
                 raise CtcError('A goal needs points of single joints, and no others.')
+            if self._refusal:
+                raise CtcError(self._refusal)
             tolerances = read_tolerances(request, self.config)
             route = read_route(trajectory)
             followed = self._follow(route, nanoseconds(trajectory.header.stamp))
@@ -215,8 +219,10 @@ class TrajectoryAction:
 
     def on_mode(self, mode: Mode, text: str) -> None:
         """Abort where the controller may send no torque, or a hand leads the robot."""
-        if not mode.allows_torque or mode in (Mode.GUIDED, Mode.HELD):
-            self._abort(f'The controller does not follow: {text}')
+        follows = mode.allows_torque and mode not in (Mode.GUIDED, Mode.HELD)
+        self._refusal = '' if follows else f'The controller does not follow: {text}'
+        if self._refusal:
+            self._abort(self._refusal)
 
 
 def read_tolerances(request: Any, config: ReferenceNodeConfig) -> GoalTolerances:

@@ -197,3 +197,11 @@ def test_a_reference_that_jumps_beyond_a_limit_is_stopped_smoothly() -> None:
         dq.append(points[0][1][0])
     assert dq[0] == pytest.approx(1.0, abs=0.01) and not dq[-1]
     assert np.abs(np.diff(dq)).max() < 0.01
+
+
+def test_limits_that_are_set_while_a_robot_is_guided_hold_at_once() -> None:
+    robot = left_by_hand(simulated=True)
+    law = robot.loop.law
+    assert law is not None
+    law.configure(law.config.changed({'effort_limit': [1.0, 1.0]}))
+    assert np.abs(robot.state(20, LEFT)).max() <= 1.0

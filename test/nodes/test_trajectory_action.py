@@ -246,6 +246,11 @@ def test_a_goal_ends_with_an_error_when_something_else_decides(reason: str) -> N
         end = future.result()
         assert (end.status, end.result.error_code) == (ABORTED, GoalCode.INVALID_GOAL)
         assert end.result.error_string == text
+        if reason == 'trip':
+            future = action.send(action.goal((5.0, (3.0, 1.5)))).get_result_async()
+            it.until(future.done, 'the refusal')
+            assert future.result().result.error_string == text
+            assert action.rests_at()[0] > 2.9
 
 
 def test_a_lower_speed_stretches_a_goal_and_none_holds_it() -> None:
