@@ -233,6 +233,7 @@ def test_a_goal_ends_with_an_error_when_something_else_decides(reason: str) -> N
             action.node.run_to(action.node.now + S)
             text = 'Another motion replaced this goal.'
         elif reason == 'time':
+            it.until_said('joint_trajectory is accepted')
             action.node.clock.publish(Clock(clock=stamp(0)))
             text = 'Another motion replaced this goal.'
         elif reason == 'publisher':
