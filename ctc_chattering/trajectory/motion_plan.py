@@ -89,7 +89,8 @@ class MotionPlan:
     motion : TimedMotion or None
         None before it has begun.
     in_force : int
-        Instant from which the motion passes into the last profile taken, 0 since `begin` [ns].
+        Instant at which the change to the latest profile begins, 0 if it has not changed since
+        `begin` [ns].
 
     """
 
@@ -152,9 +153,9 @@ class MotionPlan:
         """
         Follow waypoints, or stop without any.
 
-        Waypoints before `begin` are skipped. If that makes the way to the next one too fast, the
-        motion blends into that of the waypoints later instead. Too fast is 1.5 times the top speed
-        of the waypoints, if that is above 0.5 rad/s or m/s, and what the limits forbid.
+        Waypoints before `begin` are skipped. The motion meets the next one in time, unless that
+        takes more than 1.5 times their top speed, and more than 0.5 rad/s or m/s, or exceeds the
+        limits. It then joins the motion of the waypoints later.
 
         Parameters
         ----------
