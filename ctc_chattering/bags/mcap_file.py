@@ -67,7 +67,7 @@ _DEFINITIONS = {
     'ros2msg': MessageDefinitionFormat.MSG,
     'ros2idl': MessageDefinitionFormat.IDL,
     'omgidl': MessageDefinitionFormat.IDL}
-#: Schema of a channel without one, as of JSON.
+#: Stands for the schema of a channel that has none, for example one of JSON.
 NO_SCHEMA = Schema(0, b'', '', '')
 
 #: Log time [ns], number of the channel, data.

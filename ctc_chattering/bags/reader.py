@@ -85,8 +85,8 @@ def read_bag(
     path : str or Path
         Directory of a bag of this package, as ``bringup --record`` writes it.
     model, law, switching : str or type
-        Classes of your own, or ``package.module:Name``, in the place of those that the bag names:
-        a bag alone runs no code.
+        Classes of your own, or ``package.module:Name``, for those that the bag names. Without
+        them nothing is imported, since a bag never loads code.
 
     Returns
     -------

@@ -86,6 +86,7 @@ def new_robot_options(parser: argparse.ArgumentParser) -> None:
 def run_new_robot(options: argparse.Namespace) -> int:
     """Run `ctc new-robot`."""
     from ctc_chattering.configuration import parameter_file
+    from ctc_chattering.configuration.compilation import has_compiler
     from ctc_chattering.configuration.new_robot import KA, new_robot
     from ctc_chattering.control.recommended_gains import FINE_RESOLUTION
     from ctc_chattering.runs.arm_margins import arm_lines, arm_margins, with_stable_gains
@@ -109,7 +110,8 @@ def run_new_robot(options: argparse.Namespace) -> int:
                                     fine=FINE_RESOLUTION)
                + parameter_file.to_text(robot.values))
     print('\n'.join(lines))
-    print(f'wrote {out}; next: ctc compile {out}, ctc simulate {out}, bringup {out}')
+    compilation = f'ctc compile {out}, ' if has_compiler() else ''
+    print(f'wrote {out}; next: {compilation}ctc simulate {out}, bringup {out}')
     return 0
 
 

@@ -22,10 +22,9 @@ made.
 
 Such code uses on vectors: arithmetic, comparisons, ``&``, ``|``, ``[i]``, ``.max()``, ``.min()``,
 `numpy.abs`, `sign`, `sqrt`, `cbrt`, `exp`, `sin`, `tanh`, `rint`, `minimum`, `maximum` and
-`where`, and the functions of this module. It changes nothing in place: memory goes in and comes
-out as a record, with other fields by ``record._replace(name=value)``. The one exception are rows
-that outlive a call: of an array of shape (k, n), ``rows[i]`` is a vector, and ``rows[i] = x`` sets
-it.
+`where`, and the functions of this module. It never changes its arguments: it returns new records,
+by ``record._replace(name=value)``. The one exception are the rows of an array of shape (k, n) that
+outlives a call: ``rows[i]`` is a vector, and ``rows[i] = x`` sets it.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ T = TypeVar('T')
 
 #: Marked functions.
 FUNCTIONS: list[Callable[..., Any]] = []
-#: Marked records, as keys: each field that is packed or stored is looked up.
+#: Marked records, as the keys of a dictionary, in which they are found fast and in order.
 RECORDS: dict[type, None] = {}
 
 

@@ -65,7 +65,7 @@ overloaded: Callable[[Any], Decorator] = partial(overload, **OVERLOADED)
 
 class InstructionWriter:
     """
-    InstructionWriter of LLVM instructions within one function.
+    Writes LLVM instructions within one function.
 
     Attributes
     ----------

@@ -52,7 +52,7 @@ machine.emit_object(binding.parse_assembly('define void @f() { ret void }'))
 
 def check_processor(processor: str) -> None:
     """
-    Raise unless LLVM knows a processor, which else ends this process.
+    Raise unless LLVM knows a processor. Another process asks, since LLVM aborts otherwise.
 
     Raises
     ------

@@ -13,11 +13,11 @@
 # limitations under the License.
 
 """
-Records in compiled code, with the methods of marked classes.
+Numba's side of `records.py`: records, marked functions and methods in compiled code.
 
-`build` imports this module. It is the counterpart of `records.py`. A record in memory is a NumPy
-record. `load` makes of it a NamedTuple of numbers, vectors, matrices and records, as compiled code
-computes with it, and `store` writes one back.
+`build` imports this module. `register` makes all marked functions and methods known to numba. A
+record in memory is a NumPy record. `load` turns it into a NamedTuple of numbers, vectors, matrices
+and records, and `store` writes one back.
 """
 
 from __future__ import annotations

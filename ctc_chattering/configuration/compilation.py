@@ -98,7 +98,7 @@ def compile_setups(setups: Iterable[Setup], show: Callable[[str], None], for_nod
         from ctc_chattering.compiled import build
     except ImportError as error:  # Not there, or numba refuses this version of NumPy.
         show('numba cannot be used, so the law runs in plain Python, 20 times slower: '
-             f'{error}')
+             f'{error}. Install it: pip install numba')
         return 0
     count = len(to_build)
     show(f'compiling {count} function{"" if count == 1 else "s"}, once for this version ...')

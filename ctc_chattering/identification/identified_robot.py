@@ -112,6 +112,8 @@ FIGURES = 'figures'
 IDENTIFY = 'ctc identify'
 #: Turn of the base that needs care [rad].
 MOUNT_NOTE_RAD = 0.02
+#: Limits of the controller that stay those of the recording.
+_LIMITS = ('error_limit', 'effort_limit', 'effort_rate_limit')
 #: Acceleration of gravity where nothing says otherwise [m/s²].
 USUAL_GRAVITY = 9.81
 
@@ -133,6 +135,8 @@ class RobotModel:
         Values of all nodes.
     gains : (kp, kv) or None
         Of the recorded run.
+    limits : dict
+        Finite limits of the controller of the recorded run, by parameter.
 
     """
 
@@ -141,6 +145,7 @@ class RobotModel:
     locked: dict[str, float]
     shared: dict[str, Any]
     gains: tuple[Any, Any] | None
+    limits: dict[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
     def description(self) -> str:
@@ -457,7 +462,18 @@ def _robot(
         positions,
         shared,
         (controller.kp, controller.kv) if controller else None,
+        _recorded_limits(controller, joints),
     )
+
+
+def _recorded_limits(
+    controller: ControllerConfig | None, joints: Sequence[str]
+) -> dict[str, Any]:
+    """Return the limits that the controller of a recording had, by parameter."""
+    if controller is None or controller.joint_names != joints:
+        return {}
+    limits = {name: getattr(controller, name) for name in _LIMITS}
+    return {name: list(values) for name, values in limits.items() if min(values) < inf}
 
 
 def _usual_rotors(description: str, joints: Sequence[str]) -> dict[str, float]:
@@ -522,9 +538,12 @@ def write_identified(
             write_text(folder / name, text)
         tried = _tried(identified, folder, trials, show)
         if not tried.missing:
-            parameter_file.dump(tried.parameters(folder), folder / VALUES)
-            parameter_file.load(folder / VALUES)
-            parameter_file.dump(tried.parameters(Path(out)), folder / VALUES)
+            for directory in (folder, Path(out)):  # The first one is there to be read.
+                values = tried.parameters(directory)
+                values['controller'] |= tried.robot.limits
+                parameter_file.dump(values, folder / VALUES)
+                if directory is folder:
+                    parameter_file.load(folder / VALUES)
         write_json(tried.results.as_mapping(), folder / JSON)
         _write_page(tried, folder, extra, command)
     return tried

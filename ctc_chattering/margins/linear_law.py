@@ -171,6 +171,7 @@ def _without_limits(config: ControllerConfig) -> ControllerConfig:
     changes: dict[str, object] = {
         'effort_limit': np.inf,
         'effort_rate_limit': np.inf,
+        'torque_rate_limit': np.inf,  # Of drives without lag, it would bound any difference.
         'error_limit': np.inf,
         'inertia_scale': 1.0,
         'gravity_scale': 1.0,

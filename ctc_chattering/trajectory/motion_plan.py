@@ -98,6 +98,8 @@ class MotionPlan:
         Requested parameters, which the node replaces. `update` takes those of the profile.
     limits : list of JointLimits, length n, or None
         Limits of the robot, None if they are unknown.
+    motion : TimedMotion or None
+        Motion over path time. None before it has begun.
     replacements : int
         Number of motions that have replaced another one.
 
@@ -107,19 +109,14 @@ class MotionPlan:
         self.config = config
         self._route = route
         self.limits: list[JointLimits] | None = None
-        self._motion: TimedMotion | None = None
+        self.motion: TimedMotion | None = None
         self.replacements = 0
         #: Parameters of the profile that the motion has, or passes into.
         self._shape = _shape(config)
 
-    @property
-    def motion(self) -> TimedMotion | None:
-        """Motion over path time. None before it has begun."""
-        return self._motion
-
     def take(self, motion: TimedMotion | None) -> None:
         """Follow another motion from now on, or none."""
-        self._motion = motion
+        self.motion = motion
         self.replacements += 1
 
     @property
@@ -170,9 +167,9 @@ class MotionPlan:
         """
         Follow waypoints, or stop without any.
 
-        Waypoints before `begin` are skipped. If that makes the way to the next one too fast, the
-        motion blends into that of the waypoints later instead. Too fast is 1.5 times the top speed
-        of the waypoints, if that is above 0.5 rad/s or m/s, and what the limits forbid.
+        Waypoints before `begin` are skipped. The motion meets the next one in time, unless that
+        takes more than 1.5 times their top speed, and more than 0.5 rad/s or m/s, or exceeds the
+        limits. It then joins the motion of the waypoints later.
 
         Parameters
         ----------
@@ -308,7 +305,7 @@ class MotionPlan:
 
         """
         while isinstance(self.motion, Transition) and now >= self.motion.end:
-            self._motion = self.motion.target
+            self.motion = self.motion.target
         present = self.motion
         if present is None or isinstance(present, Transition) or not self.change_pending:
             return False

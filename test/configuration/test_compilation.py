@@ -130,7 +130,7 @@ def test_without_numba_plain_python_runs(tmp_path: Path) -> None:
         'print(made, len(run.t), run.compiled)\n'), path=tmp_path)
     assert found.stdout.splitlines() == [
         'numba cannot be used, so the law runs in plain Python, 20 times slower: '
-        f'{reason}', '0 11 False'], found.stderr
+        f'{reason}. Install it: pip install numba', '0 11 False'], found.stderr
 
 
 @pytest.mark.slow

@@ -48,3 +48,13 @@ def test_it_answers_as_the_law_does(delay: int) -> None:
         tau = controller.step(y[:2].tolist(), (0.0, 0.0), *REST, [REST] * delay).tau
         assert tau == pytest.approx(found.C @ x + found.D @ y, rel=1e-3, abs=1e-7)
         x = found.A @ x + found.B @ y
+
+
+def test_a_rate_of_drives_without_lag_is_no_obstacle() -> None:
+    """It bounds large torques only, and so changes nothing of the linear system."""
+    config = ControllerConfig().changed({
+        'law': 'observer_feedback', 'kp': [1e4] * 2, 'kv': [200.0] * 2, 'ka': [60.0, 30.0],
+        'actuator_lag': [0.0, 0.0], 'input_delay': 3})
+    free = linear_law(config, MASS)
+    limited = linear_law(config.changed({'torque_rate_limit': [50.0, 50.0]}), MASS)
+    assert all(np.array_equal(x, y) for x, y in zip(free, limited))
