@@ -239,6 +239,7 @@ class Controller:
 
     def check(self, config: ControllerConfig) -> None:
         """Raise `CtcError` if a law cannot be made."""
+        self._payload.check(config)
         with as_ctc_error(f'the law {config.law} cannot be constructed'):
             self._make_law(config).initial()
 

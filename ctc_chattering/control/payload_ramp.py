@@ -54,8 +54,7 @@ class PayloadRamp:
 
     def __init__(self, model: Model, config: ControllerConfig, period: int) -> None:
         self._arm = model
-        if config.described:
-            model.with_payload([])  # It finds the tip, which takes longer than a sample.
+        model.with_payload([])  # It finds the tip, which takes longer than a sample.
         self._samples_per_step = max(round(RAMP_S / _STEPS / seconds(period)), 1)
         #: Payload that leaves, and that which enters.
         self._old: list[PointMass] = []
@@ -73,6 +72,11 @@ class PayloadRamp:
     def changing(self) -> bool:
         """Tell whether a payload is entering."""
         return self._share < 1.0
+
+    def check(self, config: ControllerConfig) -> None:
+        """Raise `CtcError` if the model cannot carry a payload."""
+        if config.payload_mass:
+            self._arm.with_payload([_payload(config)])
 
     def request(self, config: ControllerConfig) -> None:
         """Have the payload of a configuration enter."""

@@ -91,7 +91,9 @@ class Model(ABC):
             If the model cannot carry any.
 
         """
-        raise CtcError(f'only the model of a description carries payloads, not {masses}')
+        if masses:
+            raise CtcError(f'only the model of a description carries payloads, not {masses}')
+        return self
 
     def evaluate(self, q: Array, dq: Array) -> DynamicsTerms:
         """Return M(q), C(q, dq) and G(q) as arrays."""

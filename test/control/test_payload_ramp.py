@@ -22,6 +22,7 @@ from ctc_chattering.control.payload_ramp import PayloadRamp
 from ctc_chattering.controller.trips import check_change
 from ctc_chattering.dynamics.model import Model, PointMass
 from ctc_chattering.dynamics.payload import with_payload
+from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.errors import CtcError, ParameterError
 import numpy as np
@@ -39,6 +40,12 @@ def config(**values: object) -> ControllerConfig:
     return ControllerConfig.from_mapping({
         'joint_names': list(PANDA), 'model': 'urdf', 'law': 'pd_gravity', 'kp': 100.0,
         'kv': 20.0, 'compiled': False, **values})
+
+
+class TwoLinkOfSeven(TwoLink):
+    """A model of its own in the place of that of a description."""
+
+    n = 7
 
 
 def gravity(model: Model) -> np.ndarray:
@@ -114,6 +121,9 @@ def test_only_an_arm_of_a_description_carries_a_payload() -> None:
         ControllerConfig().changed({'payload_mass': 1.0})
     with pytest.raises(ParameterError, match='payload_center'):
         config(payload_center=[0.1, 0.2])
+    law = Controller(config(), TwoLinkOfSeven())
+    with pytest.raises(CtcError, match='only the model of a description'):
+        law.check(config(payload_mass=1.0))
     model = Controller(ControllerConfig()).model
     with pytest.raises(CtcError, match='only the model of a description'):
         model.with_payload([PointMass(1.0, CENTER)])
