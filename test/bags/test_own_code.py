@@ -80,7 +80,8 @@ def untouched(trap: Path) -> bool:
 
 @pytest.mark.parametrize(('name', 'value'), NAMES)
 def test_a_bag_runs_nothing(name: str, value: str, trap: Path) -> None:
-    with pytest.raises(CtcError, match=f'(?s){name}.*(name code; give --{name} |not allowed)') as error:
+    refusal = f'(?s){name}.*(name code; give --{name} |not allowed)'
+    with pytest.raises(CtcError, match=refusal) as error:
         read_bag(bag(trap, name, value))
     assert str(error.value).startswith(str(trap))
     assert untouched(trap)

@@ -80,8 +80,8 @@ def test_waypoints_of_a_clock_that_is_behind_move_nothing() -> None:
 
         moved = len(chunks)
         sent.publish(waypoints((1.0, (4.0, 1.5708)), (2.0, (4.1, 1.5708))))
-        it.until_said('joint_trajectory is accepted: 2 waypoints, 0 of them past; the robot is at '
-                      'rest in 2.')
+        it.until_said('joint_trajectory is accepted: 2 waypoints, 0 of them past; '
+                      'the robot is at rest in 2.')
         assert reports.until('reference', lambda r: r.level == OK, 'that all is well')
         it.until(lambda: chunks[-1].points[-1].positions[0] == 4.1, 'the last waypoint')
         rows = [p for m in chunks[:moved] for p in m.points]
