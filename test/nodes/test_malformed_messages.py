@@ -106,7 +106,7 @@ def test_a_second_publisher_of_everything_changes_nothing_in_lockstep(tmp_path: 
         it = Probe()
         try:
             diagnostics = Diagnostics(it)
-            diagnostics.until('plant', lambda r: r.message.startswith('held'), 'the hold')
+            diagnostics.until('plant', lambda r: 'is held at' in r.message, 'the hold')
             publishers = {topic: it.node.create_publisher(kind.type, topic, 1000)
                           for topic, kind in KINDS.items()}
             for topic, node in READERS.items():
