@@ -168,7 +168,7 @@ class MotionSchedule:
 
     @property
     def replacements(self) -> int:
-        """Number of motions that have replaced another one."""
+        """Return the number of motions that have replaced another one."""
         return self._plan.replacements
 
     def path_time_of(self, stamp: int) -> int:
