@@ -261,3 +261,17 @@ def test_a_lower_speed_stretches_a_goal_and_none_holds_it() -> None:
         handle = action.send(action.goal((1.0, (3.0, 1.5))))
         assert action.result(handle)[:2] == (SUCCEEDED, GoalCode.SUCCESSFUL)
         assert begin + 2 * S < action.node.now < begin + 3 * S
+
+
+def test_a_goal_whose_client_has_left_is_followed_to_its_end() -> None:
+    """As by joint_trajectory_controller: who wants a stop must ask for it."""
+    with probe() as it:
+        action = ActionUnderTest(it)
+        goal_handle = action.send(action.goal((2.0, (2.5, 1.2))))
+        begin = action.node.now
+        del goal_handle
+        action.client.destroy()
+        it.until(lambda: it.node.count_clients(
+            'reference/follow_joint_trajectory/_action/send_goal') == 0, 'the end of the client')
+        action.node.run_to(begin + 3 * S)
+        assert list(action.node.points[max(action.node.points)].positions) == [2.5, 1.2]
