@@ -37,6 +37,9 @@ from ctc_chattering.trajectory.transitions import (
 )
 from ctc_chattering.trajectory.waypoints import Waypoints
 
+#: Time in which a robot that moves is brought to rest to be held [s]. At the 1 rad/s at which
+#: guiding begins to brake it goes on by 0.1 rad, the margin of a joint limit.
+_HOLD_TIME_S = 0.2
 #: Largest distance of a reference that takes over a robot that is held [rad or m].
 _TAKEOVER_DISTANCE = 1e-3
 #: Time between the waypoints of a stop before a limit [ns].
@@ -134,7 +137,7 @@ class DesiredMotion(Trajectory):
     def _held_points(self, t: int, q: Vector, dq: Vector) -> list[Point] | None:
         """Return the points of the rest, or None once a reference rests there."""
         if self._rest is None or self.resumes(t):
-            self._rest = braking(t, (q, dq, (0.0,) * len(q)), BRAKING_TIME)
+            self._rest = braking(t, (q, dq, (0.0,) * len(q)), _HOLD_TIME_S)
         held = self._rest.at(t)
         reference = self.at(t)
         is_due = t >= self._rest.end and not self.overdue(t)

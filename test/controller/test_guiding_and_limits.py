@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ctc_chattering.control.controller import Controller
+from ctc_chattering.controller.desired_motion import DesiredMotion
 from ctc_chattering.controller.positions import JointSample
 from ctc_chattering.controller.state_machine import Input
 from ctc_chattering.dynamics.two_link import TwoLink
@@ -90,6 +91,15 @@ def test_a_robot_that_was_guided_is_held_after_a_trip_or_a_pause(event: Input) -
     assert mode(robot) == 'HELD'
     gravity = robot.loop.law.model.gravity_torque((0.6, 0.7))  # type: ignore[union-attr]
     assert robot.sent[-1] == pytest.approx(gravity)
+
+
+def test_a_robot_that_moves_when_left_rests_within_the_margin_of_its_limits() -> None:
+    motion = DesiredMotion(0, MS, 0)
+    motion.hold()
+    path = [motion.desired(k * MS, LEFT, (1.0, -0.5), wait=False) for k in range(400)]
+    q, dq, _ = np.array([points[0] for points in path if points]).transpose(1, 0, 2)
+    assert dq[0].tolist() == [1.0, -0.5] and not dq[-1].any()
+    assert np.abs(q[-1] - LEFT).max() <= 0.1 + 1e-9
 
 
 def test_lost_states_end_the_torque_and_the_robot_is_guided_again() -> None:
