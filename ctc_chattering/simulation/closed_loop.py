@@ -195,8 +195,8 @@ def compiled_loop_of(robot: Plant, law: Controller) -> CompiledLoop | None:
     Return the loop for machine code, or None if plant or law cannot have it.
 
     If it is not `compiled`, its code is yet to be built. Otherwise it is before its first sample.
-    A thread has one such loop for the same delays and array layouts, and each call fills in its
-    numbers. So it must be run before it is requested again.
+    A thread has one such loop for the same kinds of arms, delays and array layouts, and each call
+    fills in its numbers. So it must be run before it is requested again.
     """
     arm = robot.arm
     model = law.arm
@@ -205,7 +205,8 @@ def compiled_loop_of(robot: Plant, law: Controller) -> CompiledLoop | None:
     plant = robot.own_friction, robot.parameters, robot.state
     control = law.settings, law.law, law.memories
     layouts, numbers = zip(*map(described, (*plant, *control)))
-    key = get_ident(), len(robot.transit), len(law.transit), layouts
+    key = (
+        get_ident(), type(arm), type(model), len(robot.transit), len(law.transit), layouts)
     loop = _LOOPS.get(key) or CompiledLoop(
         CompiledPlantStep(arm, *plant, robot.transit),
         CompiledStep(*control, law.transit.copy(), model))

@@ -58,6 +58,15 @@ def test_the_motion_is_within_half_the_limits_and_the_torques() -> None:
     assert (error < 0.01 * np.ptp(result.q_d, axis=0)).all()
 
 
+def test_an_arm_of_another_kind_with_as_many_joints_runs_before_it() -> None:
+    """Both are compiled where the tests run: one loop must not take the numbers of the other."""
+    simulate(parameter_file.load_parameters('friction', {
+        'plant': {'duration': 0.1}, 'controller': {'law': 'observer_feedback'}}))
+    values = new_robot(URDF).values
+    short = {**values, 'plant': {**values['plant'], 'duration': 0.1}}
+    assert len(simulate(parameter_file.load(None, short)).t) > 50
+
+
 def test_another_centre_where_a_joint_cannot_hold_the_middle(tmp_path: Path) -> None:
     """From 0.4 to 2.8 rad the first joint must lift the arm: 23 N*m at the middle."""
     limits = 'lower="0.4" upper="2.8" effort="21" velocity="0"'

@@ -22,7 +22,8 @@ from hypothesis import strategies as st
 import pytest
 
 #: By hand, a line for each state: what leads where. All else changes nothing.
-ARMED = ('follow: running, lead back: restarting, hold: holding, trip: tripped, '
+ARMED = ('follow: running, lead back: restarting, hold: holding, hold still: held, '
+         'guide: guided, trip: tripped, '
          'disable: disabled, silence: no state, no reference: waiting for reference')
 EXPECTED = {
     'waiting for state': f'{ARMED}, state: waiting for reference',
@@ -30,6 +31,8 @@ EXPECTED = {
     'running': ARMED,
     'restarting': ARMED,
     'holding': ARMED,
+    'held': ARMED,
+    'guided': ARMED,
     'no state': 'state: waiting for reference, trip: tripped, disable: disabled',
     'tripped': 'reset: waiting for state, disable: tripped and disabled',
     'disabled': 'enable: waiting for state',

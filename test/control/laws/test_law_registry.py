@@ -53,9 +53,11 @@ OTHER: dict[str, Any] = {
 #: The switching that a parameter belongs to.
 SWITCHING = {'boundary_layer': 'boundary_layer', 'observer_bandwidth': 'implicit_observer'}
 #: Parameters without an effect on single torques: what is not the law's, and the period, which
-#: laws without memory do not have. Only a described robot has rotors; gain rules take `resonance`.
+#: laws without memory do not have. Only a described robot has rotors and a payload; gain rules
+#: take `resonance`.
 OUTSIDE = ('joint_names', 'model', 'description', 'locked', 'law', 'error_limit',
-           'control_period', 'compiled', 'rotor_inertia', 'resonance', 'continuous_joints')
+           'control_period', 'compiled', 'rotor_inertia', 'resonance', 'continuous_joints',
+           'payload_mass', 'payload_center')
 
 
 def torques(law: str, values: dict[str, Any]) -> Array:
