@@ -32,7 +32,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 pytestmark = pytest.mark.ros
 S = 1000 * MS
-PANDA = ('--params-file', str(CONFIG / 'panda.yaml'), '-p', 'start_duration:=0.0')
+PANDA = ('--params-file', str(CONFIG / 'panda.yaml'), '-p', 'start_duration:=0.0',
+         '-p', 'control_period:=0.01')
 
 
 def test_a_stop_holds_where_the_motion_comes_to_rest_and_home_leads_to_its_start() -> None:
