@@ -206,8 +206,8 @@ def test_a_description_that_comes_later_and_is_wrong_at_first() -> None:
         # with such torques diverge.
         it.start('controller', *ARM)
         it.start('plant', *ARM, '-p', 'initial_position:=[0.2, -0.3]', '-p', 'pacing:=lockstep')
-        it.start('reference', '-p', 'joint_names:=[a,b]', '-p', 'amplitude:=[1.5, 0.5]',
-                 '-p', 'frequency:=[6.0, 6.0]')
+        it.start('reference', '-p', 'joint_names:=[a,b]', '-p', 'center:=[0.5, 0.0]',
+                 '-p', 'amplitude:=[1.4, 0.5]', '-p', 'frequency:=[6.0, 6.0]')
         nodes = ('controller', 'plant')
         for node in nodes:
             report = reports.until(node, lambda r: r.level == ERROR, 'the error')
