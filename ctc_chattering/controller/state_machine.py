@@ -58,6 +58,11 @@ class Mode(Enum):
 
     __hash__ = object.__hash__  # Faster than that of Enum, which hashes the name.
 
+    @property
+    def ignores_reference(self) -> bool:
+        """Return whether torques are sent, but not along the reference."""
+        return self in (Mode.GUIDED, Mode.HELD)
+
     def after(self, event: Input) -> Mode:
         """Return the mode that an input leads to, by `TRANSITIONS`."""
         return TRANSITIONS[self].get(event, self)

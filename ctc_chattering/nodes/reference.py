@@ -68,8 +68,6 @@ _COLLISION_CHECKS = 201
 _CLEARANCE_M = 0.02
 #: Time between two attempts to begin, where the start is refused [ns].
 _RETRY_NS = 5 * NANOSECONDS
-#: Modes in which the controller does not follow the reference.
-_LED = Mode.GUIDED, Mode.HELD
 
 
 class ReferenceNode(LoopNode[ReferenceNodeConfig]):
@@ -248,7 +246,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
     def _follow(self, route: Route, stamp: int) -> Followed:
         """Follow waypoints of the topic or the action."""
         if len(route.points):
-            self._check_led()
+            self._check_followed()
         followed = self._schedule.follow(route, stamp)
         self._refused_waypoints = ''
         self.get_logger().info(f'{JOINT_TRAJECTORY} is accepted: {_description(followed)}; '
@@ -256,10 +254,10 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         self._publish_chunks()
         return followed
 
-    def _check_led(self) -> None:
+    def _check_followed(self) -> None:
         """Refuse a motion that the controller does not follow."""
         mode = self._reports.mode
-        if mode in _LED:
+        if mode is not None and mode.ignores_reference:
             raise RejectedMessage('held', f'the robot is {mode.text}')
 
     def _rest_time(self, followed: Followed) -> str:
@@ -281,7 +279,8 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
 
     def _on_home(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Go to where the configured motion begins, after a stop."""
-        if not self._schedule.at_rest and self._reports.mode not in _LED:
+        mode = self._reports.mode
+        if not self._schedule.at_rest and not (mode is not None and mode.ignores_reference):
             self._on_stop(request, response)
             if response.success:
                 self._stop_before_home = self._schedule.replacements
@@ -295,7 +294,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         """Begin the way home, and describe the outcome."""
         self._stop_before_home = None
         try:
-            self._check_led()
+            self._check_followed()
             checked = self._check_collisions(self._schedule.plan_home())
             self._schedule.follow_real_time(self.get_clock().now().nanoseconds)
             followed = self._schedule.go_home()

@@ -219,7 +219,7 @@ class TrajectoryAction:
 
     def on_mode(self, mode: Mode, text: str) -> None:
         """Abort where the controller may send no torque, or a hand leads the robot."""
-        follows = mode.allows_torque and mode not in (Mode.GUIDED, Mode.HELD)
+        follows = mode.allows_torque and not mode.ignores_reference
         self._refusal = '' if follows else f'The controller does not follow: {text}'
         if self._refusal:
             self._abort(self._refusal)

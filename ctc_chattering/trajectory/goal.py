@@ -29,7 +29,7 @@ from math import inf
 from typing import NamedTuple
 
 from ctc_chattering.errors import ParameterError
-from ctc_chattering.numerics.time_grid import NANOSECONDS
+from ctc_chattering.numerics.time_grid import seconds
 
 #: Value of a tolerance that removes the default one.
 ERASE = -1.0
@@ -155,7 +155,7 @@ class Goal:
         text = self._violations(self.tolerances.goal, e, de)
         if not text:
             return GoalEnd(GoalCode.SUCCESSFUL, 'The joints have reached the goal.')
-        late = (s - self.end) / NANOSECONDS
+        late = seconds(s - self.end)
         if late > self.tolerances.goal_time:
             return GoalEnd(GoalCode.GOAL_TOLERANCE_VIOLATED,
                            f'The joints missed the goal {late:.3g} s after its end: {text}.')
