@@ -27,11 +27,11 @@ from typing import cast
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.trajectory.buffer import Point, Trajectory
+from ctc_chattering.trajectory.path_clock import Stop
 from ctc_chattering.trajectory.transitions import (
     braking,
     BRAKING_TIME,
     smooth_start,
-    Stop,
     TimedMotion,
     Transition,
 )

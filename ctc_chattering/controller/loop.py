@@ -50,7 +50,8 @@ from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import TOLERANCE as LIMIT_TOLERANCE
-from ctc_chattering.trajectory.transitions import BRAKING_TIME, Stop, TimedMotion
+from ctc_chattering.trajectory.path_clock import Stop
+from ctc_chattering.trajectory.transitions import BRAKING_TIME, TimedMotion
 
 #: Points of the reference that are kept while there is no state: a minute at 1 kHz.
 _MAX_POINTS = 60_000
@@ -203,10 +204,17 @@ class ControlLoop:
                 return f'{name}: {x:.4g} is beyond its limits, {lower:.4g} to {upper:.4g}'
         return ''
 
+    def _next_instant(self) -> int | None:
+        """Return the first instant that may change [ns], None without a motion there."""
+        if self.last is None:
+            return None
+        begin = self.last.t + self.period
+        return begin if self.motion.at(begin) is not None else None
+
     def _stop_before_limit(self, text: str) -> None:
         """Stop the motion before a limit, and refuse the rest of it."""
-        begin = None if self.last is None else self.last.t + self.period
-        if begin is not None and self.motion.at(begin) is not None and not self.motion.holding:
+        begin = self._next_instant()
+        if begin is not None and not self.motion.holding:
             self.motion.stop_within(begin, lambda q: not self._violation(q, tolerance=0.0))
             self.hold_reason = text
             self._log.error(f'reference: {text}; stopping before it')
@@ -214,8 +222,8 @@ class ControlLoop:
 
     def _stop_motion(self) -> None:
         """Bring the reference to rest on its path."""
-        begin = None if self.last is None else self.last.t + self.period
-        if begin is None or self.motion.at(begin) is None:
+        begin = self._next_instant()
+        if begin is None:
             raise RejectedMessage(
                 'early', 'it has no points, which stops a motion, but there is no motion')
         stop = Stop(cast('TimedMotion', self.motion), begin, BRAKING_TIME)
@@ -391,7 +399,7 @@ class ControlLoop:
         if on == (self._guiding is not None):
             return 'The robot is guided already.' if on else 'The robot was not guided.'
         if not on:
-            self._leave_guiding('it was guided by hand')
+            self._leave_guiding()
             return 'The robot is held until a reference rests there.'
         if self._law is None or not self.mode.allows_torque:
             raise CtcError(f'The robot cannot be guided while the controller is '
@@ -400,12 +408,12 @@ class ControlLoop:
         self._log.info('guided by hand, by a service')
         return 'The robot is guided by hand.'
 
-    def _leave_guiding(self, reason: str) -> None:
+    def _leave_guiding(self) -> None:
         """Hold the robot where it is, if it was guided."""
         if self._guiding is None:
             return
         self._guiding = None
-        self.hold_reason = reason
+        self.hold_reason = 'it was guided by hand'
         self.motion.hold()
         self._restart_law()
 
@@ -565,7 +573,7 @@ class ControlLoop:
     def _trip(self, reason: str) -> None:
         """End the torques until a reset."""
         self.tripped = reason
-        self._leave_guiding('it was guided by hand')
+        self._leave_guiding()
         self._answers.clear()
         self.handle(Input.TRIP)
         self.end_torque()
@@ -574,7 +582,7 @@ class ControlLoop:
     def request(self, event: Input) -> bool:
         """Handle a request, and return whether anything changed."""
         if event is Input.DISABLE:
-            self._leave_guiding('it was guided by hand')
+            self._leave_guiding()
         if changed := self.handle(event):
             self._log.info(f'{event.value} by a service')
             if event is not Input.DISABLE:

@@ -34,6 +34,7 @@ from ctc_chattering.trajectory.joint_limits import (
     JointLimits,
     limit_speed,
 )
+from ctc_chattering.trajectory.path_clock import Stop
 from ctc_chattering.trajectory.reference import (
     make_motion,
     ReferenceConfig,
@@ -45,7 +46,6 @@ from ctc_chattering.trajectory.transitions import (
     fit_duration,
     sample_passage,
     smooth_start,
-    Stop,
     TimedMotion,
     Transition,
 )
@@ -220,8 +220,7 @@ class MotionPlan:
         points = [*motion.extremes(), state]
         top_speed = max(abs(v) for _, dq, _ in points for v in dq)
         speed = max(_CATCH_UP_SPEED_RATIO * top_speed, _MIN_CATCH_UP_SPEED)
-        limits = self.limits or list(map(JointLimits, route.names))
-        limits = limit_speed(limits, speed)
+        limits = self._limits_up_to(speed)
         if past < len(route.points):
             direct = Waypoints(
                 route.times[past:],
@@ -233,6 +232,11 @@ class MotionPlan:
             lambda duration: smooth_start(motion, begin, state, duration),
             self.config.start_duration or _JOIN_TIME_S,
             limits)
+
+    def _limits_up_to(self, speed: float) -> list[JointLimits]:
+        """Return the limits of the robot, if any are known, with a lower speed [rad/s or m/s]."""
+        limits = self.limits or list(map(JointLimits, self.config.joint_names))
+        return limit_speed(limits, speed)
 
     def _stop(self, route: Route, present: TimedMotion, begin: int, shortest: float) -> Followed:
         """Bring a motion to rest on its path."""
@@ -280,8 +284,7 @@ class MotionPlan:
         goal = Route(self.config.joint_names, [begin], [(q, zeros, zeros)])
         goal = goal.by_the_short_way(
             continuous_joints(self.config, self.limits), (begin, state))
-        limits = limit_speed(
-            self.limits or list(map(JointLimits, self.config.joint_names)), _HOME_SPEED)
+        limits = self._limits_up_to(_HOME_SPEED)
         home = Waypoints(goal.times, goal.points)
         path = fit_duration(
             lambda duration: smooth_start(home, begin, state, duration),

@@ -13,9 +13,10 @@
 # limitations under the License.
 
 """
-Time along a motion, whose speed a user scales while it runs.
+Time along a motion, whose speed is scaled while it runs, down to a stop.
 
-`MotionSchedule` publishes a `ScaledMotion`, and passes into another speed by `PathClock.slew`.
+`MotionSchedule` publishes a `ScaledMotion`, and passes into another speed by `PathClock.slew`. A
+`Stop` is one whose speed falls to 0.
 With the path time s and the motion p, the reference at instant t is
 
     q_d = p(s),    dq_d = ṡ p'(s),    ddq_d = ṡ² p''(s) + s̈ p'(s)    (PC1)
@@ -98,15 +99,17 @@ class PathClock:
     def at(self, t: int) -> PathTime:
         """Return the path time at `t` [ns], by (PC2)."""
         elapsed = t - self.t0
+        after = max(elapsed - self.span, 0)
         change = self.rate - self.previous_rate
         slewed = min(max(elapsed, 0), self.span)
         tau = slewed / self.span if self.span else float(elapsed >= 0)
-        gained = slewed * tau * tau * (1.0 - 0.5 * tau) + max(elapsed - self.span, 0)
+        gained = round(change * slewed * tau * tau * (1.0 - 0.5 * tau))
         rate_change = 0.0
         if 0.0 < tau < 1.0:
             rate_change = change * 6.0 * tau * (1.0 - tau) / seconds(self.span)
         return PathTime(
-            self.s0 + _scale(elapsed, self.previous_rate) + round(change * gained),
+            self.s0 + _scale(elapsed - after, self.previous_rate) + gained
+            + _scale(after, self.rate),
             self.previous_rate + change * tau * tau * (3.0 - 2.0 * tau),
             rate_change)
 
@@ -148,6 +151,32 @@ class ScaledMotion:
             return point
         q, dq, ddq = point
         return (
-            q,
-            [rate * v for v in dq],
-            [rate * rate * a + rate_change * v for v, a in zip(dq, ddq)])
+            tuple(q),
+            tuple(rate * v for v in dq),
+            tuple(rate * rate * a + rate_change * v for v, a in zip(dq, ddq)))
+
+
+class Stop(ScaledMotion):
+    """
+    A motion that comes to rest on its own path, by a rate that falls from 1 to 0.
+
+    No velocity exceeds that of the path, and |ddq| is at most that of the path plus 1.5 |dq| / T.
+
+    Parameters
+    ----------
+    path : TimedMotion
+        The motion to stop.
+    t0 : int
+        Instant until which it follows the path in time [ns].
+    duration : float
+        T, until it rests [s].
+
+    Attributes
+    ----------
+    end : int
+        Instant from which on it rests [ns].
+
+    """
+
+    def __init__(self, path: TimedMotion, t0: int, duration: float) -> None:
+        super().__init__(path, PathClock().slew(t0, 0.0, duration))

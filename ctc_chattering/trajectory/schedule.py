@@ -222,8 +222,7 @@ class MotionSchedule:
         start = self._clock.at(stamp - epoch if stamp else begin).instant
         times = [start + t for t in route.times]
         route = route._replace(times=times)
-        path_begin = self._clock.at(begin).instant
-        rate = self._clock.at(begin).rate
+        path_begin, rate, _ = self._clock.at(begin)
         if not times and not rate:
             # The stop is over, so that nothing of it is left for a later speed.
             q, _, _ = self._plan.motion.at(path_begin)
@@ -281,8 +280,7 @@ class MotionSchedule:
         """
         assert self.now is not None
         begin = self._after_published(self.now)
-        path_begin = self._clock.at(begin).instant
-        changed = self._plan.update(self.path_time, path_begin)
+        changed = self._plan.update(self.path_time, self._path_begin)
         rate = self._plan.config.speed_scaling
         slews = self._clock.rate != rate
         if slews and self.now >= self._clock.end:

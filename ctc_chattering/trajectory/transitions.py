@@ -15,8 +15,8 @@
 """
 Motions that lead from one motion into another.
 
-They are a stop, a smooth start and a transition. The way back of a controller, the start of a
-reference and its replacements are made of them.
+They are a braking, a smooth start and a transition. The way back of a controller, the start of a
+reference and its replacements are made of them. A stop on the path is in `path_clock`.
 """
 
 from __future__ import annotations
@@ -97,62 +97,7 @@ def braking(t0: int, start: Point, duration: float) -> Waypoints:
         (t0, start))
 
 
-class _TimedPassage:
-    """Times of a passage that begins at `t0` [ns] and takes a duration [s]."""
-
-    def __init__(self, t0: int, duration: float) -> None:
-        self.t0 = t0
-        self.end = t0 + round(duration * NANOSECONDS)
-        self._span = seconds(self.end - t0)
-
-
-class Stop(_TimedPassage):
-    """
-    A motion that comes to rest on its own path.
-
-    Its time slows down until it stands. With τ = (t - t0) / T, the motion at t is that of the path
-    at s(t) = t0 + T (τ - τ³ + τ⁴/2). Its rate ds/dt = 1 - 3 τ² + 2 τ³ falls from 1 to 0. No
-    velocity exceeds that of the path, and |ddq| is at most that of the path plus 1.5 |dq| / T.
-
-    Parameters
-    ----------
-    path : TimedMotion
-        The motion to stop.
-    t0 : int
-        Instant until which it follows the path in time [ns].
-    duration : float
-        T, until it rests [s].
-
-    Attributes
-    ----------
-    end : int
-        Instant from which on it rests [ns].
-
-    """
-
-    def __init__(self, path: TimedMotion, t0: int, duration: float) -> None:
-        super().__init__(t0, duration)
-        self._path = path
-
-    def at(self, t: int) -> Point:
-        """Return the point at `t` [ns]."""
-        if t <= self.t0:
-            return self._path.at(t)
-        T = self._span
-        duration = min(t, self.end) - self.t0
-        s = seconds(duration) / T
-        elapsed = T * (s - s ** 3 + 0.5 * s ** 4)
-        rate = 1.0 - s * s * (3.0 - 2.0 * s)
-        rate_change = 6.0 * s * (s - 1.0) / T
-        t_on_path = self.t0 + round(elapsed * NANOSECONDS)
-        q, dq, ddq = self._path.at(t_on_path)
-        return (
-            tuple(q),
-            tuple(rate * v for v in dq),
-            tuple(rate * rate * a + rate_change * v for v, a in zip(dq, ddq)))
-
-
-class Transition(_TimedPassage):
+class Transition:
     """
     A mean of two motions that shifts from one to the other.
 
@@ -181,7 +126,9 @@ class Transition(_TimedPassage):
     """
 
     def __init__(self, origin: TimedMotion, target: TimedMotion, t0: int, duration: float) -> None:
-        super().__init__(t0, duration)
+        self.t0 = t0
+        self.end = t0 + round(duration * NANOSECONDS)
+        self._span = seconds(self.end - t0)
         self.origin = origin
         self.target = target
 

@@ -32,7 +32,8 @@ from ctc_chattering.c_export.library import export
 from ctc_chattering.controller.trips import TRIP_DELAY_S
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.trajectory.buffer import Point, Trajectory
-from ctc_chattering.trajectory.transitions import BRAKING_TIME, Stop, TimedMotion
+from ctc_chattering.trajectory.path_clock import Stop
+from ctc_chattering.trajectory.transitions import BRAKING_TIME, TimedMotion
 from exported_laws import controller_of, Robot, robot_of, watched
 from machine_code import compile_step
 import numpy as np

@@ -25,8 +25,9 @@ from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import JointLimits, read_limits
 from ctc_chattering.trajectory.motion_plan import Followed, MotionPlan
+from ctc_chattering.trajectory.path_clock import Stop
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, Sinusoid
-from ctc_chattering.trajectory.transitions import BRAKING_TIME, Stop, TimedMotion
+from ctc_chattering.trajectory.transitions import BRAKING_TIME, TimedMotion
 from ctc_chattering.trajectory.waypoints import Route, Waypoints
 from hypothesis import given
 from hypothesis import strategies as st
