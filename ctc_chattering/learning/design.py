@@ -133,8 +133,8 @@ def _designed(config: ControllerConfig, masses: tuple[tuple[tuple[float, ...], .
     mean = responses[:, _RATIOS.index(1.0)].mean(axis=0)
     adjoint = mean.conj().swapaxes(1, 2)
     identity = np.eye(mean.shape[1])
-    L = gain * np.linalg.solve(
-        adjoint @ mean + _CHANGE_WEIGHT * identity, adjoint).astype(complex)
+    weighted = adjoint @ mean + _CHANGE_WEIGHT * identity
+    L: ComplexArray = np.asarray(gain * np.linalg.solve(weighted, adjoint), np.complex128)
     norms = np.linalg.norm(identity - L @ responses, 2, axis=(-2, -1)).max(axis=(0, 1))
 
     def contraction(f_c: float) -> float:

@@ -30,7 +30,7 @@ from math import gcd, lcm
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.trajectory.reference import ReferenceConfig
-from ctc_chattering.trajectory.transitions import TimedMotion
+from ctc_chattering.trajectory.transitions import TimedMotion, Transition
 from ctc_chattering.trajectory.waypoints import Route
 import numpy as np
 
@@ -59,6 +59,8 @@ class RepeatedMotion:
         Duration of a pass [ns].
     is_periodic : bool
         Whether the next pass follows at once.
+    start : int
+        Path time from which the motion is that of later passes, after a smooth start [ns].
 
     """
 
@@ -67,6 +69,7 @@ class RepeatedMotion:
     begin: int
     duration: int
     is_periodic: bool
+    start: int
 
     def phase(self, t: int) -> int:
         """Return the time since a pass began, at path time `t`, within the pass [ns]."""
@@ -81,16 +84,19 @@ class RepeatedMotion:
         return [self.motion.at(self.begin + t)[0] for t in instants.tolist()]
 
 
-def periodic_motion(config: ReferenceConfig, motion: TimedMotion) -> RepeatedMotion:
+def motion_of(config: ReferenceConfig, route: Route | None, motion: TimedMotion
+              ) -> RepeatedMotion:
     """
-    Return the profile of a reference as a repeated motion.
+    Return the motion of a reference as a repeated one.
 
     Parameters
     ----------
     config : ReferenceConfig
-        The profile.
+        Parameters of the profile, if there is no route.
+    route : Route or None
+        Waypoints that are followed in place of the profile, with path times [ns].
     motion : TimedMotion
-        The motion that it describes, or that passes into it.
+        The motion over path time, of which a smooth start may be part.
 
     Raises
     ------
@@ -98,19 +104,11 @@ def periodic_motion(config: ReferenceConfig, motion: TimedMotion) -> RepeatedMot
         If no joint moves, or the joints have no common period.
 
     """
-    moving = [f for f, size in zip(config.frequency, config.amplitude) if f and size]
-    rates = [Fraction(f).limit_denominator(_MAX_DENOMINATOR) for f in moving]
-    if not rates:
-        raise CtcError('learning: no joint moves')
-    # The sinusoid of a trapezoid has twice its frequency.
-    rate = Fraction(gcd(*(x.numerator for x in rates)), lcm(*(x.denominator for x in rates)))
-    period = (2 if config.profile == 'trapezoid' else 1) / rate
-    is_exact = all(abs(f - rate * round(f / rate)) < 1e-9 for f in moving)
-    if not is_exact or period > _MAX_PERIOD_S:
-        raise CtcError(f'learning: the frequencies {moving} Hz have no common period of up to '
-                       f'{_MAX_PERIOD_S} s')
-    shape = (config.profile, config.center, config.amplitude, config.frequency, config.phase)
-    return RepeatedMotion(_name(shape), motion, 0, round(period * NANOSECONDS), True)
+    if route is not None:
+        return waypoint_motion(route, motion, 0)
+    start = motion.end if isinstance(motion, Transition) else 0
+    profile = config.profile, config.center, config.amplitude, config.frequency, config.phase
+    return RepeatedMotion(_name(profile), motion, 0, _period(config), True, start)
 
 
 def waypoint_motion(route: Route, motion: TimedMotion, begin: int) -> RepeatedMotion:
@@ -120,17 +118,35 @@ def waypoint_motion(route: Route, motion: TimedMotion, begin: int) -> RepeatedMo
     Parameters
     ----------
     route : Route
-        Waypoints, with times since the begin [ns].
+        Waypoints, with path times [ns].
     motion : TimedMotion
         The motion through them.
     begin : int
-        Path time of their time 0 [ns].
+        Path time from which they count [ns].
 
     """
     points = [[list(row) for row in point] for point in route.points]
-    shape = list(route.names), list(route.times), points
-    return RepeatedMotion(_name(shape), motion, begin, route.times[-1], False)
+    times = [t - begin for t in route.times]
+    return RepeatedMotion(
+        _name((list(route.names), times, points)), motion, begin, times[-1], False, begin)
+
+
+def _period(config: ReferenceConfig) -> int:
+    """Return the common period of the joints [ns], or raise `CtcError`."""
+    moving = [f for f, size in zip(config.frequency, config.amplitude) if f and size]
+    if not moving:
+        raise CtcError('learning: no joint moves')
+    rates = [Fraction(f).limit_denominator(_MAX_DENOMINATOR) for f in moving]
+    rate = Fraction(gcd(*(x.numerator for x in rates)), lcm(*(x.denominator for x in rates)))
+    # A trapezoid has half the frequency.
+    period = (2 if config.profile == 'trapezoid' else 1) / rate
+    is_exact = all(abs(f - x) < 1e-9 for f, x in zip(moving, rates))
+    if not is_exact or period > _MAX_PERIOD_S:
+        raise CtcError(f'learning: the frequencies {moving} Hz have no common period of up to '
+                       f'{_MAX_PERIOD_S} s')
+    return round(period * NANOSECONDS)
 
 
 def _name(shape: object) -> str:
+    """Return a digest of what tells a motion from others."""
     return sha256(repr(shape).encode()).hexdigest()

@@ -104,6 +104,9 @@ class Run:
         Torque sent at the sample, to be held until the next [N·m].
     v : ndarray, shape (N, n)
         Filtered error of equation (3) [rad/s].
+    correction : ndarray, shape (N, 2, n), optional
+        Part of q_d [rad] and dq_d [rad/s] that was learned from earlier passes. The errors are
+        those from the desired motion without it.
     compiled : bool
         Whether machine code computed it.
 
@@ -117,17 +120,20 @@ class Run:
     ddq_d: Array
     tau: Array
     v: Array
+    correction: Array | None = dataclasses.field(default=None, kw_only=True)
     compiled: bool = dataclasses.field(default=False, kw_only=True)
 
     @property
     def e(self) -> Array:
         """Return the position error q_d - q [rad], shape: (N, n)."""
-        return self.q_d - self.q
+        e = self.q_d - self.q
+        return e if self.correction is None else e - self.correction[:, 0]
 
     @property
     def de(self) -> Array:
         """Return the velocity error dq_d - dq [rad/s], shape: (N, n)."""
-        return self.dq_d - self.dq
+        de = self.dq_d - self.dq
+        return de if self.correction is None else de - self.correction[:, 1]
 
 
 class Learner(Protocol):
@@ -191,11 +197,10 @@ def run_closed_loop(plant: PlantConfig, controller: ControllerConfig, reference:
     continuous = tuple(endless.get(name, False) for name in reference.joint_names)
     count = robot.last + 1 + controller.input_delay
     start = start if reference.start_duration or route is not None else ()
+    table = desired = reference_table(
+        reference, route, start, controller.joint_names, robot.period_ns, count, continuous)
     learned: LearnedTable | None = None
-    if learner is None:
-        table = reference_table(
-            reference, route, start, controller.joint_names, robot.period_ns, count, continuous)
-    else:
+    if learner is not None:
         motion = make_motion(reference, route, dict(start), continuous=continuous)
         learned = LearnedTable(learner, motion, reference, controller, robot.period_ns, count)
         table = learned.rows
@@ -211,7 +216,7 @@ def run_closed_loop(plant: PlantConfig, controller: ControllerConfig, reference:
     else:
         learned.run(loop)
     report_progress(plant.duration)
-    return loop.run()
+    return loop.run(None if learned is None else desired)
 
 
 #: Compiled loops by thread, delays and array layouts; never emptied.
@@ -341,20 +346,40 @@ class ClosedLoop:
             raise _beyond_limit(law.config, joint, t, sample.e[joint])
         return sample
 
-    def run(self) -> Run:
-        """Return the run so far, with the reference extrapolated to the stamps."""
+    def run(self, desired: Array | None = None) -> Run:
+        """
+        Return the run so far, with the reference extrapolated to the stamps.
+
+        Parameters
+        ----------
+        desired : array, shape of the table, optional
+            The reference without its correction.
+
+        """
         stamps, q, dq, tau, v, _ = self.recorded
         k = np.rint(stamps / self._robot.period_ns).astype(int)
         on_grid = k * self._robot.period_ns
-        q_d, dq_d, ddq_d = self._table[k].transpose(1, 0, 2)
+        late = (stamps - on_grid)[:, np.newaxis] / NANOSECONDS
         if self._truth:
             stamps = on_grid
-        elif (stamps != on_grid).any():
-            s = (stamps - on_grid)[:, np.newaxis] / NANOSECONDS
-            q_d = q_d + s * (dq_d + 0.5 * s * ddq_d)
-            dq_d = dq_d + s * ddq_d
+            late = 0.0 * late
+        q_d, dq_d, ddq_d = _extrapolated(self._table[k], late)
+        correction = None
+        if desired is not None:
+            desired_q, desired_dq, _ = _extrapolated(desired[k], late)
+            correction = np.stack([q_d - desired_q, dq_d - desired_dq], axis=1)
         t = stamps / NANOSECONDS
-        return Run(t, q, dq, q_d, dq_d, ddq_d, tau, v, compiled=self.compiled)
+        return Run(t, q, dq, q_d, dq_d, ddq_d, tau, v, correction=correction,
+                   compiled=self.compiled)
+
+
+def _extrapolated(points: Array, late: Array) -> tuple[Array, Array, Array]:
+    """Return q_d, dq_d and ddq_d a time after points of the reference, shape (N, 1) [s]."""
+    q_d, dq_d, ddq_d = points.transpose(1, 0, 2)
+    if late.any():
+        q_d = q_d + late * (dq_d + 0.5 * late * ddq_d)
+        dq_d = dq_d + late * ddq_d
+    return q_d, dq_d, ddq_d
 
 
 class MachineCodeLoop(ClosedLoop):
