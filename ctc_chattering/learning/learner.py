@@ -63,6 +63,16 @@ _ROUNDING = 1e-6
 _LIMIT_CHECKS = 500
 
 
+def duration_of_passes(motion: RepeatedMotion, count: int) -> int:
+    """
+    Return the time that passes of a periodic motion take from path time 0 [ns].
+
+    Pass k begins at that of k passes, if each of them changes the correction.
+    """
+    between = LEAD_NS + round(FADE_S * NANOSECONDS)
+    return motion.start + _SETTLING_NS + count * (motion.duration + between)
+
+
 class LearningState(Enum):
     """What a `Learner` does with its passes, in words."""
 
