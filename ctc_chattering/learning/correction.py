@@ -76,7 +76,6 @@ class Correction:
         t = np.linspace(0.0, seconds(motion.duration), len(rows) + 1)
         spline = CubicSpline(
             t, np.vstack([rows, last]), bc_type='periodic' if motion.is_periodic else 'clamped')
-        self._begins: list[float] = t.tolist()
         #: Coefficients of each interval, highest order first, shape (N, 4, n).
         self._coefficients = spline.c.swapaxes(0, 1)
 
@@ -86,7 +85,7 @@ class Correction:
         phase = motion.phase(t)
         # Several times as fast as the call of a spline, which is for many instants at once.
         k = min(phase * len(self.rows) // motion.duration, len(self.rows) - 1)
-        s = seconds(phase) - self._begins[k]
+        s = seconds(phase) - k * seconds(motion.duration) / len(self.rows)
         joints = list(zip(*self._coefficients[k].tolist()))
         q = [((a * s + b) * s + c) * s + d for a, b, c, d in joints]
         if 0 < phase < motion.duration or motion.is_periodic:

@@ -245,8 +245,9 @@ def _pass_table(group: Sequence[Outcome]) -> Table:
     after = f'after {len(group[0].passes) - 1} passes'
     return Table(
         bold(group[0].title) + ': RMS error [rad] and torque variation [N·m/s] of the worst joint',
-        [*LAW_COLUMNS, 'error before', after, 'ratio', 'variation before', after, 'learning'],
-        [[*row, x.learning] for row, x in zip(_rows(group, lines), group)], len(LAW_COLUMNS))
+        [*LAW_COLUMNS, 'learning', 'error before', after, 'ratio', 'variation before', after],
+        [[*x.law.columns.values(), x.learning, *row[len(LAW_COLUMNS):]]
+         for row, x in zip(_rows(group, lines), group)], len(LAW_COLUMNS) + 1)
 
 
 def _rows(group: Sequence[Outcome], lines: Sequence[Sequence[Number]], cells: int = 0
@@ -352,8 +353,7 @@ def figures(results: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
     """Yield name, figure and caption of each robot."""
     for group in grouped([x for x in results if x.passes]):
         title = f'{group[0].title}: error by pass'
-        caption = 'The worst joint in each pass. Pass 0 is before learning.'
-        yield title, draw_passes(group, title), caption
+        yield title, draw_passes(group, title), 'The worst joint; pass 0 is before learning.'
     results = [] if results[0].passes else results
     for experiment, robot_results in itertools.groupby(results, lambda x: x.experiment):
         shown = [x for x in robot_results if not x.is_held_out]
@@ -414,13 +414,14 @@ def write_page(results: Sequence[Outcome], files: Sequence[FigureFile], path: Pa
 
 def _with_short_names(table: Table) -> Table:
     """
-    Return an untitled table with one column of names.
+    Return an untitled table with one column for the names of a law.
 
     That column stays where a table scrolls sideways.
     """
     n = len(LAW_COLUMNS)
     rows = [[f'{" ".join(row[:2]).strip()}, {row[2]}', *row[n:]] for row in table.rows]
-    return table._replace(title='', heads=['law', *table.heads[n:]], names=1, rows=rows)
+    return table._replace(title='', heads=['law', *table.heads[n:]], rows=rows,
+                          names=table.names - n + 1)
 
 
 def write_parameters(comparison: RunList, directory: Path) -> None:

@@ -368,12 +368,12 @@ def test_the_table_of_passes_has_errors_before_and_after(learned: Path) -> None:
     table = pandas.read_csv(learned / 'compare.csv')
     text = (learned / 'compare.md').read_text(encoding='utf-8').replace('**', '')
     heads, _, *rows = [cells(line) for line in text.splitlines() if '|' in line]
-    assert heads[3:] == ['error before', 'after 2 passes', 'ratio', 'variation before',
-                         'after 2 passes', 'learning']
+    assert heads[3:] == ['learning', 'error before', 'after 2 passes', 'ratio',
+                         'variation before', 'after 2 passes']
     for row in rows:
         errors = table[table['law'] == row[0]]['rms_error'].to_numpy()
-        assert row[3:6] == [
-            f'{errors[0]:.1e}', f'{errors[-1]:.1e}', f'{errors[-1] / errors[0]:.2g}']
+        assert row[3:7] == [
+            'learning', f'{errors[0]:.1e}', f'{errors[-1]:.1e}', f'{errors[-1] / errors[0]:.2g}']
     assert (learned / 'figures' / 'friction_error_by_pass.svg').exists()
     page = (learned / 'index.html').read_text(encoding='utf-8')
     assert page.count('<img ') == page.count('<table>') == 1
@@ -409,14 +409,15 @@ def test_the_end_of_learning_is_told_in_words(arm: Path) -> None:
     found = evaluated(ComparisonRuns(spec.runs()), run)
     text = compare_page.to_markdown(found)
     words = {cells(line)[0]: cells(line)[3:] for line in text.splitlines() if '|' in line}
-    assert words['compensation'][-1] == 'learning'
-    assert words['pd_gravity'][-1] == 'the corrected motion is beyond the limits'
-    assert words['integral'] == [*5 * [''], reason]
+    assert words['compensation'][0] == 'learning'
+    assert words['pd_gravity'][0] == 'the corrected motion is beyond the limits'
+    assert words['integral'] == [reason, *5 * ['']]
     assert f',integral,,file,0,,,{reason},' in compare_page.to_csv(found)
     ((_, figure, _),) = compare_page.figures(found)
     errors, variation = figure.axes
-    assert [[list(line.get_ydata()) for line in ax.lines] for ax in (errors, variation)] == [
-        [[numbers[k] for numbers in x.passes] for x in found if x.passes] for k in (0, 1)]
+    for k, ax in enumerate((errors, variation)):
+        assert [np.asarray(line.get_ydata()).tolist() for line in ax.lines] == [
+            [numbers[k] for numbers in x.passes] for x in found if x.passes]
     assert [x.get_text() for x in figure.legends[0].get_texts()] == [
         'compensation, file', 'pd_gravity, file']
 
