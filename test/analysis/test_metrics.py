@@ -56,7 +56,7 @@ def test_by_hand() -> None:
 
 
 def test_errors_are_those_from_the_motion_without_what_was_learned() -> None:
-    correction = np.zeros((6, 2, 2))
+    correction = np.zeros((6, 3, 2))
     correction[:, 0] = 1.0
     run = dataclasses.replace(TINY, correction=correction)
     assert metrics(run)['rms_error_rad'] == pytest.approx([np.sqrt(31 / 4), np.sqrt(19 / 4)])
