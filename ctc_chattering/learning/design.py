@@ -33,6 +33,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 
+from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, ParameterError
@@ -77,7 +78,7 @@ def filter_for(motion: RepeatedMotion, reference: ReferenceConfig, controller: C
     controller : ControllerConfig
         Law, gains, and what is known of the loop.
     model : Model
-        Model of the controller.
+        Model of the controller, without its payload.
 
     Raises
     ------
@@ -90,6 +91,7 @@ def filter_for(motion: RepeatedMotion, reference: ReferenceConfig, controller: C
         raise CtcError('learning: the reference must have the joints of the controller')
     to_controller = [reference.joint_names.index(name) for name in names]
     to_reference = [names.index(name) for name in reference.joint_names]
+    model = Controller(controller, model).model
     masses = [np.array(model.mass_matrix([q[i] for i in to_controller]))
               for q in motion.positions()]
     designed = design_filter(

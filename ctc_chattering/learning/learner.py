@@ -46,7 +46,7 @@ FADE_S = 0.25
 #: Time from the start of a periodic motion to its first pass [ns].
 _SETTLING_NS = NANOSECONDS
 #: Longest time between two errors of a pass [ns].
-_MAX_GAP_NS = NANOSECONDS // 10
+MAX_GAP_NS = NANOSECONDS // 10
 #: Time by which waypoints are extended for the filter, so that their end passes into their begin
 #: [s].
 _LEAD_OUT_S = 1.0
@@ -69,6 +69,8 @@ class LearningState(Enum):
     LEARNING = 'learning'
     FROZEN = 'frozen'
     STOPPED = 'stopped, because the error grew over two passes'
+    REFUSED = 'refused'
+    IDLE = 'waiting for a motion that is repeated'
 
 
 class Pass(NamedTuple):
@@ -153,6 +155,10 @@ class Learner:
     ----------
     problem : str
         Why the last pass has changed nothing, if so.
+    refusal : str
+        Why learning need not converge, if so. Nothing is then learned.
+    ended_passes : int
+        Number of passes, also of those with a problem.
     is_frozen : bool
         Whether corrections stay as they are.
 
@@ -166,6 +172,8 @@ class Learner:
         self._filter_of = filter_of
         self._limits = limits
         self.problem = ''
+        self.refusal = ''
+        self.ended_passes = 0
         self.is_frozen = False
         self._none = NoCorrection(n)
         self._applied: TimedMotion = self._none
@@ -192,9 +200,18 @@ class Learner:
     @property
     def state(self) -> LearningState:
         """Return what it does with its passes."""
+        if self.refusal:
+            return LearningState.REFUSED
         if self.is_frozen:
             return LearningState.FROZEN
+        if self._motion is None:
+            return LearningState.IDLE
         return LearningState.STOPPED if self._present.is_stopped else LearningState.LEARNING
+
+    @property
+    def applied(self) -> TimedMotion:
+        """Return the correction in force."""
+        return self._applied
 
     def corrected(self, motion: TimedMotion) -> TimedMotion:
         """Return a motion with the correction in force."""
@@ -214,7 +231,8 @@ class Learner:
         assert self._begin is not None and self._motion is not None
         return self._begin + self._motion.duration
 
-    def follow(self, motion: RepeatedMotion | None, begin: int, rows: Array | None = None) -> None:
+    def follow(self, motion: RepeatedMotion | None, begin: int, rows: Array | None = None,
+               fade: float = FADE_S) -> None:
         """
         Pass into the correction of another motion.
 
@@ -226,6 +244,8 @@ class Learner:
             Path time from which it is followed [ns].
         rows : array, shape (N, n), optional
             Its correction, if it was learned before [rad].
+        fade : float
+            Time in which its correction replaces the present one [s].
 
         """
         if self._begin is not None and begin >= self._end:
@@ -234,7 +254,7 @@ class Learner:
         self._samples = []
         self._begin = None
         if motion is None:
-            self._fade(begin)
+            self._fade(begin, fade)
             return
         progress = self._progress.setdefault(motion.name, _Progress())
         if rows is not None:
@@ -243,11 +263,12 @@ class Learner:
             self._begin = begin + _SETTLING_NS
         elif begin <= motion.begin:
             self._begin = motion.begin
-        self._fade(begin)
+        self._fade(begin, fade)
 
     def reset(self, begin: int) -> None:
         """Forget what was learned, and pass into no correction from path time `begin` [ns] on."""
         self._progress.clear()
+        self._begin = None
         self.follow(self._motion, begin)
 
     def interrupt(self, until: int | None) -> None:
@@ -297,6 +318,7 @@ class Learner:
         assert motion is not None and begin is not None
         samples, self._samples = self._samples, []
         before = self._present.rows
+        self.ended_passes += 1
         try:
             self._learn(motion, begin, end, samples)
             self.problem = ''
@@ -317,7 +339,7 @@ class Learner:
         progress = self._present
         stamps = np.array([begin, *(sample.s for sample in samples), end])
         gap = int(np.diff(stamps).max())
-        if gap > _MAX_GAP_NS:
+        if gap > MAX_GAP_NS:
             raise CtcError(f'errors of {seconds(gap):.3g} s are missing in the pass')
         correction = np.array([sample.correction for sample in samples])
         e = np.array([sample.e for sample in samples])
@@ -357,7 +379,7 @@ class Learner:
         if violations := describe_violations(self._limits, points):
             raise CtcError(f'the corrected motion is beyond the limits: {violations}')
 
-    def _fade(self, begin: int) -> None:
+    def _fade(self, begin: int, duration: float = FADE_S) -> None:
         """Pass into the correction of the present motion from path time `begin` [ns] on."""
         while isinstance(self._applied, Transition) and begin >= self._applied.end:
             self._applied = self._applied.target
@@ -365,4 +387,4 @@ class Learner:
         target: TimedMotion = self._none
         if self._motion is not None and rows is not None:
             target = Correction(self._motion, rows)
-        self._applied = Transition(self._applied, target, begin, FADE_S)
+        self._applied = Transition(self._applied, target, begin, duration)

@@ -21,7 +21,8 @@ from ``clock`` or ``joint_states``. `MotionPlan` and `MotionSchedule` decide, th
 
 from __future__ import annotations
 
-from math import inf, isfinite
+from collections.abc import Sequence
+from math import inf, isfinite, nan
 from pathlib import Path
 import time
 from typing import Any
@@ -39,7 +40,11 @@ from ctc_chattering.configuration.topics import (
 from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.controller.state_machine import Mode
 from ctc_chattering.errors import CtcError, RejectedMessage
+from ctc_chattering.learning.learner import LEAD_NS
+from ctc_chattering.learning.plan_learner import PlanLearner
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, period_ns
+from ctc_chattering.ros.controller_law import ControllerLaw
 from ctc_chattering.ros.controller_reports import ControllerReports, TrackingError
 from ctc_chattering.ros.loop_node import LoopNode
 from ctc_chattering.ros.messages import LATEST, read_stamp, TrajectoryWriter
@@ -59,7 +64,7 @@ from ctc_chattering.trajectory.waypoints import Route
 import numpy as np
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 #: Postures on the way home at which links are checked for collisions.
@@ -90,8 +95,13 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             route = read_trajectory(Path(config.trajectory_file), config.joint_names)
         self._plan = MotionPlan(config, route)
         period = period_ns(config.control_period)
-        self._schedule = MotionSchedule(
-            self._plan, period, round(config.horizon * NANOSECONDS))
+        horizon = round(config.horizon * NANOSECONDS)
+        if config.learning:
+            horizon = min(horizon, LEAD_NS)
+        self._schedule = MotionSchedule(self._plan, period, horizon)
+        self._learner: PlanLearner | None = None
+        #: Number of passes and what came of the last one, as in the log.
+        self._logged_pass: tuple[int, str] | None = None
         self._writer = TrajectoryWriter(config.joint_names, period, self._schedule.chunk_size)
         #: Why the motion does not begin, and the monotonic time of the next attempt [ns].
         self._refusal = ''
@@ -128,6 +138,19 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         if description:
             self._plan.limits = read_limits(description, self._plan.config.joint_names)
         self._plan.prepare()
+        if self.config.learning:
+            self._begin_learning()
+
+    def _begin_learning(self) -> None:
+        """Learn from the errors that the controller reports."""
+        config = self.config
+        self._law = ControllerLaw(
+            self, config, lambda: self._schedule.simulated, self._on_other_law)
+        self._learner = self._schedule.learner = PlanLearner(
+            self._plan, period_ns(config.control_period), self._law.filter_of)
+        self._reports.listen()
+        self.urgent += [self.create_service(SetBool, '~/freeze_learning', self._on_freeze),
+                        self.create_service(Trigger, '~/reset_learning', self._on_reset)]
 
     def check(self, config: ReferenceConfig) -> None:
         """Raise `CtcError` if a set would lead beyond the limits."""
@@ -166,6 +189,9 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         if subscribers > self._subscribers:
             self._schedule.repeat()
         self._subscribers = subscribers
+        if self._learner is not None:
+            self._learner.refusal = self._law.refusal(self._learner.motion)
+            self._log_learning(self._learner)
         self._publish_chunks()
         if self._action is not None:
             self._action.update()
@@ -180,7 +206,11 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             return Status(ERROR, problem, {})
         if not self._schedule.running:
             return Status(WARN, f'waiting for {JOINT_STATES} or {CLOCK}', {})
-        values = {'time': 'simulated' if self._schedule.simulated else 'real'}
+        values: dict[str, object] = {
+            'time': 'simulated' if self._schedule.simulated else 'real'}
+        if self._learner is not None:
+            values |= {'learning': _outcome(self._learner), 'pass': len(self._learner.passes),
+                       'pass error': _last_error(self._learner)}
         if self._refused_waypoints:
             return Status(WARN, f'the motion continues, because {JOINT_TRAJECTORY} was refused: '
                           f'{self._refused_waypoints}', values)
@@ -233,7 +263,10 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             self._action.on_mode(mode, text)
 
     def _on_error(self, sample: TrackingError) -> None:
-        """Rest where the robot is held, and judge a goal."""
+        """Learn, rest where the robot is held, and judge a goal."""
+        if self._learner is not None and self._schedule.running:
+            self._learner.add(self._schedule.path_time_of(sample.t), sample.q_d, sample.e)
+            self._log_learning(self._learner)
         is_held = self._reports.mode is Mode.HELD and not any(sample.dq_d)
         if is_held and self._schedule.running and not (
                 self._schedule.was_at(sample.t, sample.q_d)):
@@ -241,7 +274,54 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             self._publish_chunks()
             self.get_logger().info('the robot is held, and the reference rests at its position')
         if self._action is not None:
-            self._action.judge(sample)
+            self._action.judge(self._without_correction(sample))
+
+    def _without_correction(self, sample: TrackingError) -> TrackingError:
+        """Return an error with that from the desired motion."""
+        if self._learner is None:
+            return sample
+        correction, rate, _ = self._schedule.correction(sample.t)
+        q_d, e = (_difference(x, correction) for x in (sample.q_d, sample.e))
+        dq_d, de = (_difference(x, rate) for x in (sample.dq_d, sample.de))
+        return TrackingError(sample.t, q_d, dq_d, e, de)
+
+    def _log_learning(self, learner: PlanLearner) -> None:
+        """Log the end of a pass, and a change of what comes of it."""
+        outcome = _outcome(learner)
+        ended, previous = self._logged_pass or (0, '')
+        self._logged_pass = learner.ended_passes, outcome
+        if learner.ended_passes != ended:
+            self.get_logger().info(
+                f'pass {learner.ended_passes}: RMS error of the worst joint '
+                f'{_last_error(learner):.3g} rad; {outcome}')
+        elif outcome != previous:
+            self.get_logger().info(f'learning from repetition: {outcome}')
+
+    def _on_other_law(self) -> None:
+        """Forget what was learned under another law."""
+        self._schedule.reset_learning()
+        self.get_logger().warning('the law of the controller has changed, so that what was '
+                                  'learned is forgotten')
+
+    def _on_freeze(self, request: SetBool.Request, response: SetBool.Response
+                   ) -> SetBool.Response:
+        """Keep the corrections as they are, or learn again."""
+        assert self._learner is not None
+        if self._learner.is_frozen and not request.data:
+            self._schedule.interrupt_pass()
+        self._learner.is_frozen = request.data
+        response.success = True
+        response.message = ('What was learned stays as it is.' if request.data
+                            else 'Learning goes on with the next pass.')
+        return response
+
+    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response
+                  ) -> Trigger.Response:
+        """Forget what was learned."""
+        self._schedule.reset_learning()
+        response.success = True
+        response.message = 'What was learned is forgotten, and the correction fades out.'
+        return response
 
     def _follow(self, route: Route, stamp: int) -> Followed:
         """Follow waypoints of the topic or the action."""
@@ -334,6 +414,20 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             self.parameters.announce(in_force)
         for begin, points in self._schedule.chunks():
             self._publisher.publish(self._writer.write(begin, points))
+
+
+def _outcome(learner: PlanLearner) -> str:
+    """Return in words what comes of the passes."""
+    return learner.refusal or learner.problem or learner.state.value
+
+
+def _last_error(learner: PlanLearner) -> float:
+    """Return the RMS error of the worst joint in the last pass [rad], nan before."""
+    return max(learner.passes[-1].rms) if learner.passes else nan
+
+
+def _difference(x: Vector, y: Sequence[float]) -> Vector:
+    return tuple([a - b for a, b in zip(x, y)])
 
 
 def _description(followed: Followed) -> str:
