@@ -37,6 +37,7 @@ from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.learning.learner import MAX_GAP_NS
 from ctc_chattering.learning.learning_filter import ComplexArray, LearningFilter, low_pass
 from ctc_chattering.learning.motion import RepeatedMotion
 from ctc_chattering.margins.linear_law import is_proportional, linear_law
@@ -89,6 +90,9 @@ def filter_for(motion: RepeatedMotion, reference: ReferenceConfig, controller: C
     names = controller.joint_names
     if {*names} != {*reference.joint_names}:
         raise CtcError('learning: the reference must have the joints of the controller')
+    if controller.state_decimation * period_ns(controller.control_period) > MAX_GAP_NS:
+        raise CtcError(f'learning: with state_decimation {controller.state_decimation}, errors '
+                       f'come too rarely; allowed: one in {seconds(MAX_GAP_NS):g} s or less')
     to_controller = [reference.joint_names.index(name) for name in names]
     to_reference = [names.index(name) for name in reference.joint_names]
     model = Controller(controller, model).model

@@ -157,8 +157,12 @@ class Learner:
         Why the last pass has changed nothing, if so.
     refusal : str
         Why learning need not converge, if so. Nothing is then learned.
-    ended_passes : int
-        Number of passes, also of those with a problem.
+    limits : sequence of JointLimits, length n, or None
+        Limits that the corrected motion must keep.
+    motion : RepeatedMotion or None
+        The present one.
+    applied : TimedMotion
+        The correction in force.
     is_frozen : bool
         Whether corrections stay as they are.
 
@@ -170,22 +174,21 @@ class Learner:
         self._bound = bound
         self._period = period
         self._filter_of = filter_of
-        self._limits = limits
+        self.limits = limits
         self.problem = ''
         self.refusal = ''
-        self.ended_passes = 0
         self.is_frozen = False
         self._none = NoCorrection(n)
-        self._applied: TimedMotion = self._none
+        self.applied: TimedMotion = self._none
         self._progress: dict[str, _Progress] = {}
-        self._motion: RepeatedMotion | None = None
+        self.motion: RepeatedMotion | None = None
         #: Path time at which the present pass begins [ns], None while none is measured.
         self._begin: int | None = None
         self._samples: list[_Sample] = []
 
     @property
     def _present(self) -> _Progress:
-        return self._progress[self._motion.name] if self._motion else _Progress()
+        return self._progress[self.motion.name] if self.motion else _Progress()
 
     @property
     def passes(self) -> list[Pass]:
@@ -204,22 +207,22 @@ class Learner:
             return LearningState.REFUSED
         if self.is_frozen:
             return LearningState.FROZEN
-        if self._motion is None:
+        if self.motion is None:
             return LearningState.IDLE
         return LearningState.STOPPED if self._present.is_stopped else LearningState.LEARNING
 
     @property
-    def applied(self) -> TimedMotion:
-        """Return the correction in force."""
-        return self._applied
+    def outcome(self) -> str:
+        """Return in words what comes of the passes."""
+        return self.refusal or self.problem or self.state.value
 
     def corrected(self, motion: TimedMotion) -> TimedMotion:
         """Return a motion with the correction in force."""
-        return CorrectedMotion(motion, self._applied)
+        return CorrectedMotion(motion, self.applied)
 
     def known_until(self) -> int | None:
         """Return the path time before which the correction is final [ns], None for ever."""
-        motion = self._motion
+        motion = self.motion
         is_changing = motion is not None and motion.is_periodic and self._begin is not None
         if not is_changing or self.state is not LearningState.LEARNING:
             return None
@@ -228,8 +231,8 @@ class Learner:
     @property
     def _end(self) -> int:
         """Path time at which the present pass ends [ns]."""
-        assert self._begin is not None and self._motion is not None
-        return self._begin + self._motion.duration
+        assert self._begin is not None and self.motion is not None
+        return self._begin + self.motion.duration
 
     def follow(self, motion: RepeatedMotion | None, begin: int, rows: Array | None = None,
                fade: float = FADE_S) -> None:
@@ -250,7 +253,7 @@ class Learner:
         """
         if self._begin is not None and begin >= self._end:
             self._finish()
-        self._motion = motion
+        self.motion = motion
         self._samples = []
         self._begin = None
         if motion is None:
@@ -269,7 +272,7 @@ class Learner:
         """Forget what was learned, and pass into no correction from path time `begin` [ns] on."""
         self._progress.clear()
         self._begin = None
-        self.follow(self._motion, begin)
+        self.follow(self.motion, begin)
 
     def interrupt(self, until: int | None) -> None:
         """
@@ -284,7 +287,7 @@ class Learner:
         """
         self._samples = []
         self._present.forget_errors()
-        self._begin = until if self._motion and self._motion.is_periodic else None
+        self._begin = until if self.motion and self.motion.is_periodic else None
 
     def add(self, s: int, q_d: Sequence[float], e: Sequence[float]) -> None:
         """
@@ -298,7 +301,7 @@ class Learner:
             Position of the corrected reference, and error from it [rad].
 
         """
-        motion = self._motion
+        motion = self.motion
         if motion is None or (self._begin is None and not motion.is_periodic):
             return
         if self._begin is None:
@@ -314,11 +317,10 @@ class Learner:
 
     def _finish(self) -> None:
         """End a pass, and begin the next one."""
-        motion, begin, end = self._motion, self._begin, self._end
+        motion, begin, end = self.motion, self._begin, self._end
         assert motion is not None and begin is not None
         samples, self._samples = self._samples, []
         before = self._present.rows
-        self.ended_passes += 1
         try:
             self._learn(motion, begin, end, samples)
             self.problem = ''
@@ -371,20 +373,20 @@ class Learner:
 
     def _check_limits(self, motion: RepeatedMotion, rows: Array) -> None:
         """Raise `CtcError` if a corrected motion exceeds limits."""
-        if self._limits is None:
+        if self.limits is None:
             return
         corrected = CorrectedMotion(motion.motion, Correction(motion, rows))
         instants = np.linspace(0, motion.duration, _LIMIT_CHECKS).astype(int).tolist()
         points = [corrected.at(motion.begin + t) for t in instants]
-        if violations := describe_violations(self._limits, points):
+        if violations := describe_violations(self.limits, points):
             raise CtcError(f'the corrected motion is beyond the limits: {violations}')
 
     def _fade(self, begin: int, duration: float = FADE_S) -> None:
         """Pass into the correction of the present motion from path time `begin` [ns] on."""
-        while isinstance(self._applied, Transition) and begin >= self._applied.end:
-            self._applied = self._applied.target
+        while isinstance(self.applied, Transition) and begin >= self.applied.end:
+            self.applied = self.applied.target
         rows = self._present.rows
         target: TimedMotion = self._none
-        if self._motion is not None and rows is not None:
-            target = Correction(self._motion, rows)
-        self._applied = Transition(self._applied, target, begin, duration)
+        if self.motion is not None and rows is not None:
+            target = Correction(self.motion, rows)
+        self.applied = Transition(self.applied, target, begin, duration)

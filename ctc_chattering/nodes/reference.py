@@ -22,7 +22,7 @@ from ``clock`` or ``joint_states``. `MotionPlan` and `MotionSchedule` decide, th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf, isfinite, nan
+from math import inf, isfinite
 from pathlib import Path
 import time
 from typing import Any
@@ -40,8 +40,8 @@ from ctc_chattering.configuration.topics import (
 from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.controller.state_machine import Mode
 from ctc_chattering.errors import CtcError, RejectedMessage
-from ctc_chattering.learning.learner import LEAD_NS
-from ctc_chattering.learning.plan_learner import PlanLearner
+from ctc_chattering.learning.learner import Pass
+from ctc_chattering.learning.learning_schedule import LearningSchedule
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, period_ns
 from ctc_chattering.ros.controller_law import ControllerLaw
@@ -95,13 +95,16 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             route = read_trajectory(Path(config.trajectory_file), config.joint_names)
         self._plan = MotionPlan(config, route)
         period = period_ns(config.control_period)
-        horizon = round(config.horizon * NANOSECONDS)
+        timing = period, round(config.horizon * NANOSECONDS)
+        self._learning: LearningSchedule | None = None
         if config.learning:
-            horizon = min(horizon, LEAD_NS)
-        self._schedule = MotionSchedule(self._plan, period, horizon)
-        self._learner: PlanLearner | None = None
-        #: Number of passes and what came of the last one, as in the log.
-        self._logged_pass: tuple[int, str] | None = None
+            self._law = ControllerLaw(
+                self, config, lambda: self._schedule.simulated, self._on_other_law)
+            self._learning = LearningSchedule(self._plan, *timing, self._law.filter_of)
+        self._schedule = self._learning or MotionSchedule(self._plan, *timing)
+        #: Last pass and outcome in the log.
+        self._logged_pass: Pass | None = None
+        self._logged_outcome = ''
         self._writer = TrajectoryWriter(config.joint_names, period, self._schedule.chunk_size)
         #: Why the motion does not begin, and the monotonic time of the next attempt [ns].
         self._refusal = ''
@@ -123,6 +126,11 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
                        self.create_service(Trigger, '~/home', self._on_home)]
         self._reports = ControllerReports(
             self, config.joint_names, self._on_mode, self._on_error)
+        if self._learning is not None:
+            self._reports.listen()
+            self.urgent += [
+                self.create_service(SetBool, '~/freeze_learning', self._on_freeze),
+                self.create_service(Trigger, '~/reset_learning', self._on_reset_learning)]
         self._action: TrajectoryAction | None = None
         if FollowJointTrajectory is not None:
             self._action = TrajectoryAction(
@@ -137,20 +145,9 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         self._description = description
         if description:
             self._plan.limits = read_limits(description, self._plan.config.joint_names)
+            if self._learning is not None:
+                self._learning.learner.limits = self._plan.limits
         self._plan.prepare()
-        if self.config.learning:
-            self._begin_learning()
-
-    def _begin_learning(self) -> None:
-        """Learn from the errors that the controller reports."""
-        config = self.config
-        self._law = ControllerLaw(
-            self, config, lambda: self._schedule.simulated, self._on_other_law)
-        self._learner = self._schedule.learner = PlanLearner(
-            self._plan, period_ns(config.control_period), self._law.filter_of)
-        self._reports.listen()
-        self.urgent += [self.create_service(SetBool, '~/freeze_learning', self._on_freeze),
-                        self.create_service(Trigger, '~/reset_learning', self._on_reset)]
 
     def check(self, config: ReferenceConfig) -> None:
         """Raise `CtcError` if a set would lead beyond the limits."""
@@ -189,9 +186,9 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         if subscribers > self._subscribers:
             self._schedule.repeat()
         self._subscribers = subscribers
-        if self._learner is not None:
-            self._learner.refusal = self._law.refusal(self._learner.motion)
-            self._log_learning(self._learner)
+        if self._learning is not None and self._learning.repeated is not None:
+            self._learning.learner.refusal = self._law.refusal(self._learning.repeated)
+        self._log_learning()
         self._publish_chunks()
         if self._action is not None:
             self._action.update()
@@ -208,9 +205,11 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             return Status(WARN, f'waiting for {JOINT_STATES} or {CLOCK}', {})
         values: dict[str, object] = {
             'time': 'simulated' if self._schedule.simulated else 'real'}
-        if self._learner is not None:
-            values |= {'learning': _outcome(self._learner), 'pass': len(self._learner.passes),
-                       'pass error': _last_error(self._learner)}
+        if self._learning is not None:
+            learner = self._learning.learner
+            values |= {'learning': learner.outcome, 'pass': len(learner.passes)}
+            if learner.passes:
+                values['pass error'] = max(learner.passes[-1].rms)
         if self._refused_waypoints:
             return Status(WARN, f'the motion continues, because {JOINT_TRAJECTORY} was refused: '
                           f'{self._refused_waypoints}', values)
@@ -264,9 +263,10 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
 
     def _on_error(self, sample: TrackingError) -> None:
         """Learn, rest where the robot is held, and judge a goal."""
-        if self._learner is not None and self._schedule.running:
-            self._learner.add(self._schedule.path_time_of(sample.t), sample.q_d, sample.e)
-            self._log_learning(self._learner)
+        if self._learning is not None and self._learning.running:
+            self._learning.learner.add(
+                self._learning.path_time_of(sample.t), sample.q_d, sample.e)
+            self._log_learning()
         is_held = self._reports.mode is Mode.HELD and not any(sample.dq_d)
         if is_held and self._schedule.running and not (
                 self._schedule.was_at(sample.t, sample.q_d)):
@@ -277,50 +277,52 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             self._action.judge(self._without_correction(sample))
 
     def _without_correction(self, sample: TrackingError) -> TrackingError:
-        """Return an error with that from the desired motion."""
-        if self._learner is None:
+        """Return a sample with the errors from the desired motion."""
+        if self._learning is None:
             return sample
-        correction, rate, _ = self._schedule.correction(sample.t)
-        q_d, e = (_difference(x, correction) for x in (sample.q_d, sample.e))
-        dq_d, de = (_difference(x, rate) for x in (sample.dq_d, sample.de))
-        return TrackingError(sample.t, q_d, dq_d, e, de)
+        q, dq, _ = self._learning.correction(sample.t)
+        return TrackingError(
+            sample.t, _difference(sample.q_d, q), _difference(sample.dq_d, dq),
+            _difference(sample.e, q), _difference(sample.de, dq))
 
-    def _log_learning(self, learner: PlanLearner) -> None:
+    def _log_learning(self) -> None:
         """Log the end of a pass, and a change of what comes of it."""
-        outcome = _outcome(learner)
-        ended, previous = self._logged_pass or (0, '')
-        self._logged_pass = learner.ended_passes, outcome
-        if learner.ended_passes != ended:
+        if self._learning is None:
+            return
+        learner = self._learning.learner
+        outcome, last = learner.outcome, learner.passes[-1] if learner.passes else None
+        if last is not None and last is not self._logged_pass:
             self.get_logger().info(
-                f'pass {learner.ended_passes}: RMS error of the worst joint '
-                f'{_last_error(learner):.3g} rad; {outcome}')
-        elif outcome != previous:
+                f'pass {len(learner.passes)}: the RMS error of the worst joint is '
+                f'{max(last.rms):.3g} rad; {outcome}')
+        elif outcome != self._logged_outcome:
             self.get_logger().info(f'learning from repetition: {outcome}')
+        self._logged_pass, self._logged_outcome = last, outcome
 
     def _on_other_law(self) -> None:
         """Forget what was learned under another law."""
-        self._schedule.reset_learning()
-        self.get_logger().warning('the law of the controller has changed, so that what was '
-                                  'learned is forgotten')
+        assert self._learning is not None
+        self._learning.reset_learning()
+        self.get_logger().warning(
+            'the law of the controller has changed; what was learned is forgotten')
 
     def _on_freeze(self, request: SetBool.Request, response: SetBool.Response
                    ) -> SetBool.Response:
-        """Keep the corrections as they are, or learn again."""
-        assert self._learner is not None
-        if self._learner.is_frozen and not request.data:
-            self._schedule.interrupt_pass()
-        self._learner.is_frozen = request.data
+        """Keep what was learned as it is, or learn again."""
+        assert self._learning is not None
+        self._learning.freeze(request.data)
         response.success = True
         response.message = ('What was learned stays as it is.' if request.data
                             else 'Learning goes on with the next pass.')
         return response
 
-    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response
-                  ) -> Trigger.Response:
+    def _on_reset_learning(self, _request: Trigger.Request, response: Trigger.Response
+                           ) -> Trigger.Response:
         """Forget what was learned."""
-        self._schedule.reset_learning()
+        assert self._learning is not None
+        self._learning.reset_learning()
         response.success = True
-        response.message = 'What was learned is forgotten, and the correction fades out.'
+        response.message = 'What was learned is forgotten, and its correction fades out.'
         return response
 
     def _follow(self, route: Route, stamp: int) -> Followed:
@@ -414,16 +416,6 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             self.parameters.announce(in_force)
         for begin, points in self._schedule.chunks():
             self._publisher.publish(self._writer.write(begin, points))
-
-
-def _outcome(learner: PlanLearner) -> str:
-    """Return in words what comes of the passes."""
-    return learner.refusal or learner.problem or learner.state.value
-
-
-def _last_error(learner: PlanLearner) -> float:
-    """Return the RMS error of the worst joint in the last pass [rad], nan before."""
-    return max(learner.passes[-1].rms) if learner.passes else nan
 
 
 def _difference(x: Vector, y: Sequence[float]) -> Vector:

@@ -15,20 +15,20 @@
 """
 The controller's law as the reference node needs it: the learning filters for it.
 
-The law is that of the controller's parameters in force, which it announces. A filter takes up to a
+The law is that of the parameters in force, which the controller announces. A filter takes up to a
 second, and another thread computes it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 from ctc_chattering.configuration.topics import PARAMETERS, ROBOT_DESCRIPTION
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import as_ctc_error, CtcError
+from ctc_chattering.errors import as_ctc_error
 from ctc_chattering.learning.design import filter_for
 from ctc_chattering.learning.learning_filter import LearningFilter
 from ctc_chattering.learning.motion import RepeatedMotion
@@ -40,8 +40,8 @@ from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from std_msgs.msg import String
 
-#: Parameters that change neither the law nor what its filter is computed from.
-_OF_LIMITS = ('effort_limit', 'effort_rate_limit', 'anti_windup', 'error_limit')
+#: Parameters of the controller of which no filter depends.
+_LIMITS = {'effort_limit', 'effort_rate_limit', 'anti_windup', 'error_limit'}
 
 
 class ControllerLaw:
@@ -66,10 +66,8 @@ class ControllerLaw:
         self._reference = reference
         self._waits = waits
         self._on_change = on_change
-        self._values: dict[str, Any] = {}
-        self._config: ControllerConfig | None = None
-        #: Why the parameters are not those of a law that is known.
-        self._problem = ''
+        #: Parameters of the law, empty before they are known, and the robot's description.
+        self._values: Mapping[str, Any] = {}
         self._description = ''
         #: Filters by the motion's name.
         self._filters: dict[str, Future[LearningFilter]] = {}
@@ -78,67 +76,46 @@ class ControllerLaw:
             ParameterEvent, f'controller/{PARAMETERS}', self._on_parameters,
             qos(CHANGES, latched=True))
         node.create_subscription(
-            String, f'controller/{ROBOT_DESCRIPTION}', self._on_description,
-            qos(1, latched=True))
+            String, f'controller/{ROBOT_DESCRIPTION}',
+            lambda message: self._update(self._values, message.data), qos(1, latched=True))
 
-    def refusal(self, motion: RepeatedMotion | None) -> str:
+    def refusal(self, motion: RepeatedMotion) -> str:
         """Have the filter for a motion computed, and return why there is none, if so."""
-        future = None if motion is None else self._start(motion)
-        if future is None or not future.done():
-            return self._problem
-        error = future.exception()
-        return '' if error is None else str(error)
+        future = self._start(motion)
+        error = future.exception() if future and future.done() else None
+        return str(error or '')
 
     def filter_of(self, motion: RepeatedMotion) -> LearningFilter | None:
         """Return the filter for a motion, None while it is not known."""
         future = self._start(motion)
-        if future is None or not (self._waits() or future.done()):
-            return None
-        return future.result()
+        return future.result() if future and (self._waits() or future.done()) else None
 
     def _start(self, motion: RepeatedMotion) -> Future[LearningFilter] | None:
-        """Have a filter computed, if the law is known."""
-        config = self._config
-        if config is None or (config.described and not self._description):
-            return None
-        if motion.name not in self._filters:
+        """Have a filter computed, once the law is known."""
+        if self._values and motion.name not in self._filters:
             self._filters[motion.name] = self._worker.submit(
-                self._compute, motion, config, self._description)
-        return self._filters[motion.name]
+                self._compute, motion, self._values, self._description)
+        return self._filters.get(motion.name)
 
-    def _compute(self, motion: RepeatedMotion, config: ControllerConfig, description: str
+    def _compute(self, motion: RepeatedMotion, values: Mapping[str, Any], description: str
                  ) -> LearningFilter:
+        """Return a filter. It raises `CtcError`, also for values that name code."""
+        config = ControllerConfig.received(values)
         with as_ctc_error('learning'):
             return filter_for(motion, self._reference, config, model_of(config, description))
 
     def _on_parameters(self, event: ParameterEvent) -> None:
-        previous, self._config, self._problem = self._config, None, ''
-        values = {} if event.new_parameters else self._values
-        changes = {item.name: parameter_value_to_python(item.value)
-                   for item in (*event.new_parameters, *event.changed_parameters)
-                   if item.name in ControllerConfig.parameters()}
-        self._values = values | changes
-        try:
-            self._config = ControllerConfig.received(self._values)
-        except CtcError as error:
-            self._problem = f'learning: {error}'
-        if previous is not None and (
-                self._config is None or not _is_same_law(previous, self._config)):
-            self._forget()
+        of_law = ControllerConfig.parameters().keys() - _LIMITS
+        values = {item.name: parameter_value_to_python(item.value)
+                  for item in (*event.new_parameters, *event.changed_parameters)
+                  if item.name in of_law}
+        self._update(values if event.new_parameters else {**self._values, **values},
+                     self._description)
 
-    def _on_description(self, message: String) -> None:
-        previous, self._description = self._description, message.data
-        if previous not in ('', message.data):
-            self._forget()
-
-    def _forget(self) -> None:
-        """Forget the filters of another law."""
-        self._filters.clear()
-        self._on_change()
-
-
-def _is_same_law(one: ControllerConfig, other: ControllerConfig) -> bool:
-    """Return whether two configurations give the same law."""
-    values = other.as_mapping()
-    return all(value == values[name] for name, value in one.as_mapping().items()
-               if name == 'law' or (name not in _OF_LIMITS and other.takes(name)))
+    def _update(self, values: Mapping[str, Any], description: str) -> None:
+        """Take what the law depends on, and forget the filters of another law."""
+        is_changed = self._values and (self._values, self._description) != (values, description)
+        self._values, self._description = values, description
+        if is_changed:
+            self._filters.clear()
+            self._on_change()

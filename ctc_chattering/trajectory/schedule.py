@@ -20,15 +20,13 @@ is simulated time, or real time since the first state, by the clock of the stamp
 Chunks cover the horizon on the control grid. What has been published until a quarter of the
 horizon ahead stays as it is.
 
-The plan knows path time only. A `PathClock` scales it, by the parameter `speed_scaling`. Where a
-`MotionLearner` corrects the motion, a chunk waits until its correction is final.
+The plan knows path time only. A `PathClock` scales it, by the parameter `speed_scaling`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from math import inf
-from typing import Protocol
 
 from ctc_chattering.errors import ParameterError, RejectedMessage
 from ctc_chattering.numerics.linear_algebra import Vector
@@ -49,40 +47,8 @@ from ctc_chattering.trajectory.waypoints import Route, Waypoints
 MAX_LEAD_CHANGE_NS = NANOSECONDS // 4
 #: Largest distance of two positions that are the same but for interpolation [rad or m].
 _SAME_POSITION = 1e-6
-#: Longest time by which a motion in simulated time comes late, below that of a reference that
-#: the controller takes for lost [ns].
-_MAX_DELAY_NS = NANOSECONDS // 20
 #: Number of chunks that cover the horizon.
 CHUNKS_AHEAD = 4
-
-
-class MotionLearner(Protocol):
-    """A correction of the plan's motion, over path time [ns]."""
-
-    #: Why the last pass has changed nothing, if so.
-    problem: str
-
-    @property
-    def applied(self) -> TimedMotion:
-        """Return the correction in force."""
-
-    def corrected(self, motion: TimedMotion) -> TimedMotion:
-        """Return a motion with the correction in force."""
-
-    def known_until(self) -> int | None:
-        """Return the path time before which the correction is final, None for ever."""
-
-    def follow_plan(self, begin: int, end: int) -> None:
-        """Follow the plan's motion, of which `begin` to `end` is published next."""
-
-    def drop(self, begin: int) -> None:
-        """End the correction at `begin`, without a passage."""
-
-    def interrupt(self, until: int | None) -> None:
-        """Leave out the present pass. The next one begins at `until`."""
-
-    def reset(self, begin: int) -> None:
-        """Forget what was learned, and pass into no correction from `begin` on."""
 
 
 class MotionSchedule:
@@ -103,8 +69,6 @@ class MotionSchedule:
         Present time of the motion [ns], None until it is known.
     simulated : bool
         Whether time is simulated.
-    learner : MotionLearner or None
-        Corrects what is published, not the plan.
 
     """
 
@@ -115,7 +79,6 @@ class MotionSchedule:
         self.chunk_size = self._ahead // CHUNKS_AHEAD
         self.now: int | None = None
         self.simulated = False
-        self.learner: MotionLearner | None = None
         #: Stamp at which the time of the motion is 0 [ns].
         self._start: int | None = None
         #: Stamps of the states minus the node's clock [ns].
@@ -262,7 +225,7 @@ class MotionSchedule:
         path_begin, rate, _ = self._clock.at(begin)
         if not times and not rate:
             # The stop is over, so that nothing of it is left for a later speed.
-            q, _, _ = self._corrected.at(path_begin)
+            q, _, _ = self._published().at(path_begin)
             self.rest_at(q)
             return Followed(0, 0, path_begin)
         followed = self._plan.follow(route, self.path_time, path_begin, rate)
@@ -278,7 +241,7 @@ class MotionSchedule:
 
     def was_at(self, stamp: int, q: Vector) -> bool:
         """Tell whether the motion was at a position, shape (n,) [rad], at a stamp [ns]."""
-        position, _, _ = self._corrected.at(self.path_time_of(stamp))
+        position, _, _ = self._published().at(self.path_time_of(stamp))
         return max(abs(x - y) for x, y in zip(position, q)) < _SAME_POSITION
 
     def rest_at(self, q: Vector) -> None:
@@ -289,8 +252,6 @@ class MotionSchedule:
         """
         zeros = (0.0,) * len(q)
         self._take(Waypoints([self._path_begin], [(q, zeros, zeros)]))
-        if self.learner is not None:
-            self.learner.drop(self._path_begin)
 
     def plan_home(self) -> Transition:
         """Return the way home from the rest at which the motion is, as `MotionPlan.way_home`."""
@@ -324,18 +285,16 @@ class MotionSchedule:
         rate = self._plan.config.speed_scaling
         slews = self._clock.rate != rate
         if slews and self.now >= self._clock.end:
-            self._clock = self._slew(begin, rate)
+            self._change_rate(begin, rate)
             changed, slews = True, False
-            if self.learner is not None:
-                self.learner.interrupt(self._clock.at(self._clock.end).instant)
         if changed:
             self._next = begin // self._period
             self._in_force = begin
         pending = slews or self._plan.change_pending
         return None if pending else (self._start or 0) + self._in_force
 
-    def _slew(self, begin: int, rate: float) -> PathClock:
-        """Return a clock that passes to another rate within the limits."""
+    def _change_rate(self, begin: int, rate: float) -> None:
+        """Pass to another rate within the limits."""
         motion = self._plan.motion
         assert motion is not None
 
@@ -343,7 +302,7 @@ class MotionSchedule:
             return ScaledMotion(motion, self._clock.slew(begin, rate, duration))
 
         duration = seconds(fit_duration(passage, BRAKING_TIME, self._plan.limits).end - begin)
-        return self._clock.slew(begin, rate, duration)
+        self._clock = self._clock.slew(begin, rate, duration)
 
     def chunks(self) -> Iterator[tuple[int, list[Point]]]:
         """Yield stamp and samples of each chunk up to the horizon."""
@@ -356,55 +315,20 @@ class MotionSchedule:
             end = begin + self.chunk_size * self._period
             if not self._is_final(begin, end):
                 return
-            motion = ScaledMotion(self._corrected, self._clock)
+            motion = ScaledMotion(self._published(), self._clock)
             instants = range(begin, end, self._period)
             points = list(map(motion.at, instants))
             yield start + begin, points
             self._next += self.chunk_size
 
-    def _is_final(self, begin: int, end: int) -> bool:
-        """
-        Return whether the samples between two instants [ns] may be published.
-
-        They wait for the errors of a pass until they are needed. The pass is then left out.
-        """
-        learner = self.learner
-        if learner is None:
-            return True
-        learner.follow_plan(self._clock.at(begin).instant, self._clock.at(end).instant)
-        known_until = learner.known_until()
-        if known_until is None or self._clock.at(end - self._period).instant < known_until:
-            return True
-        assert self.now is not None
-        needed = begin + _MAX_DELAY_NS if self.simulated else 2 * begin - end
-        if self.now <= needed:
-            return False
-        self.interrupt_pass()
-        learner.problem = 'the controller has reported no errors of the pass'
-        return True
-
-    def interrupt_pass(self) -> None:
-        """Leave out the present pass, and begin the next one with what is published next."""
-        if self.learner is not None:
-            self.learner.interrupt(self._clock.at(self._next * self._period).instant)
-
-    def reset_learning(self) -> None:
-        """Forget what was learned, and publish without it as soon as possible."""
-        if self.learner is not None:
-            self.learner.reset(self._path_begin)
-            self._next = self._after_published(self.now or 0) // self._period
-
-    def correction(self, stamp: int) -> Point:
-        """Return the learned part of the reference at a stamp [ns]."""
-        assert self.learner is not None
-        return ScaledMotion(self.learner.applied, self._clock).at(stamp - (self._start or 0))
-
-    @property
-    def _corrected(self) -> TimedMotion:
+    def _published(self) -> TimedMotion:
         """Return the motion that is published, over path time."""
-        motion = self._plan.motion
-        assert motion is not None
-        return motion if self.learner is None else self.learner.corrected(motion)
+        assert self._plan.motion is not None
+        return self._plan.motion
+
+    def _is_final(self, _begin: int, _end: int) -> bool:
+        """Return whether the samples between two instants [ns] may be published."""
+        return True
 
     def _after_published(self, now: int) -> int:
         """Return the first instant [ns] that may still change."""
