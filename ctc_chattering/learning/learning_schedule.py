@@ -81,12 +81,8 @@ class LearningSchedule(MotionSchedule):
     def freeze(self, on: bool) -> None:
         """Keep what was learned as it is, or learn again from the next pass on."""
         if self.learner.is_frozen and not on:
-            self._interrupt_pass()
+            self.learner.interrupt(self._clock.at(self._next * self._period).instant)
         self.learner.is_frozen = on
-
-    def _interrupt_pass(self) -> None:
-        """Leave out the present pass, and begin the next one with what is published next."""
-        self.learner.interrupt(self._clock.at(self._next * self._period).instant)
 
     def reset_learning(self) -> None:
         """Forget what was learned, and publish without it as soon as possible."""
@@ -116,10 +112,11 @@ class LearningSchedule(MotionSchedule):
         known_until = self.learner.known_until()
         if known_until is None or self._clock.at(end - self._period).instant < known_until:
             return True
-        needed = begin + _MAX_DELAY_NS if self.simulated else 2 * begin - end
+        needed = self._next * self._period + (
+            _MAX_DELAY_NS if self.simulated else begin - end)
         if (self.now or 0) <= needed:
             return False
-        self._interrupt_pass()
+        self.learner.interrupt(self._clock.at(begin).instant)
         self.learner.problem = 'the controller has reported no errors of the pass'
         return True
 

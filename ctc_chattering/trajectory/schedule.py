@@ -309,9 +309,8 @@ class MotionSchedule:
         assert self.now is not None and self._plan.motion is not None
         start = self._start or 0
         present = self.now // self._period
-        self._next = max(self._next, present)
         while self._next < present + self._ahead:
-            begin = self._next * self._period
+            begin = max(self._next, present) * self._period
             end = begin + self.chunk_size * self._period
             if not self._is_final(begin, end):
                 return
@@ -319,7 +318,7 @@ class MotionSchedule:
             instants = range(begin, end, self._period)
             points = list(map(motion.at, instants))
             yield start + begin, points
-            self._next += self.chunk_size
+            self._next = end // self._period
 
     def _published(self) -> TimedMotion:
         """Return the motion that is published, over path time."""
