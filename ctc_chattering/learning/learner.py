@@ -83,7 +83,7 @@ class Pass(NamedTuple):
     rms: tuple[float, ...]
 
 
-class _Sample(NamedTuple):
+class _ReportedError(NamedTuple):
     """An error that the controller reported."""
 
     s: int
@@ -184,7 +184,7 @@ class Learner:
         self.motion: RepeatedMotion | None = None
         #: Path time at which the present pass begins [ns], None while none is measured.
         self._begin: int | None = None
-        self._samples: list[_Sample] = []
+        self._samples: list[_ReportedError] = []
 
     @property
     def _present(self) -> _Progress:
@@ -215,6 +215,14 @@ class Learner:
     def outcome(self) -> str:
         """Return in words what comes of the passes."""
         return self.refusal or self.problem or self.state.value
+
+    @property
+    def report(self) -> str:
+        """Return the last pass and its outcome in words."""
+        if not self.passes:
+            return f'no pass yet: {self.outcome}'
+        return (f'pass {len(self.passes)}: the RMS error of the worst joint is '
+                f'{max(self.passes[-1].rms):.3g} rad; {self.outcome}')
 
     def corrected(self, motion: TimedMotion) -> TimedMotion:
         """Return a motion with the correction in force."""
@@ -313,7 +321,7 @@ class Learner:
         position, _, _ = motion.motion.at(s)
         turns = np.array(q_d) - position
         correction = turns - 2.0 * pi * np.rint(turns / (2.0 * pi))
-        self._samples.append(_Sample(s, correction, np.array(e) - correction))
+        self._samples.append(_ReportedError(s, correction, np.array(e) - correction))
 
     def _finish(self) -> None:
         """End a pass, and begin the next one."""
@@ -335,7 +343,7 @@ class Learner:
                 self._fade(change)
                 self._begin = change + round(FADE_S * NANOSECONDS)
 
-    def _learn(self, motion: RepeatedMotion, begin: int, end: int, samples: Sequence[_Sample]
+    def _learn(self, motion: RepeatedMotion, begin: int, end: int, samples: Sequence[_ReportedError]
                ) -> None:
         """Judge a pass, and make the correction of the next; raise `CtcError` if it cannot."""
         progress = self._present

@@ -95,6 +95,11 @@ class LearningSchedule(MotionSchedule):
         self._followed, self._following = self._plan.replacements, None
         self.learner.follow(None, self._path_begin, fade=0.0)
 
+    def _after_published(self, now: int) -> int:
+        """Return the first instant [ns] that may still change: no later than what is held back."""
+        held_back = max(self._next, now // self._period) * self._period
+        return min(super()._after_published(now), held_back)
+
     def _published(self) -> TimedMotion:
         return self.learner.corrected(super()._published())
 
@@ -138,10 +143,10 @@ class LearningSchedule(MotionSchedule):
         self.learner.problem = ''
         if repetition is None or plan.motion is None:
             return None
-        if repetition.route is not None:
-            return waypoint_motion(repetition.route, plan.motion, repetition.begin)
+        route, begin = repetition
         try:
-            return motion_of(plan.config, None, plan.motion)
+            return (motion_of(plan.config, None, plan.motion) if route is None
+                    else waypoint_motion(route, plan.motion, begin))
         except CtcError as error:
             self.learner.problem = str(error)
             return None

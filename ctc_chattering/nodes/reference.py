@@ -21,7 +21,7 @@ from ``clock`` or ``joint_states``. `MotionPlan` and `MotionSchedule` decide, th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import partial
 from math import inf, isfinite
 from pathlib import Path
 import time
@@ -40,9 +40,7 @@ from ctc_chattering.configuration.topics import (
 from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.controller.state_machine import Mode
 from ctc_chattering.errors import CtcError, RejectedMessage
-from ctc_chattering.learning.learner import Pass
 from ctc_chattering.learning.learning_schedule import LearningSchedule
-from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, period_ns
 from ctc_chattering.ros.controller_law import ControllerLaw
 from ctc_chattering.ros.controller_reports import ControllerReports, TrackingError
@@ -102,9 +100,8 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
                 self, config, lambda: self._schedule.simulated, self._on_other_law)
             self._learning = LearningSchedule(self._plan, *timing, self._law.filter_of)
         self._schedule = self._learning or MotionSchedule(self._plan, *timing)
-        #: Last pass and outcome in the log.
-        self._logged_pass: Pass | None = None
-        self._logged_outcome = ''
+        #: Last report on what is learned in the log.
+        self._logged = ''
         self._writer = TrajectoryWriter(config.joint_names, period, self._schedule.chunk_size)
         #: Why the motion does not begin, and the monotonic time of the next attempt [ns].
         self._refusal = ''
@@ -129,8 +126,10 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         if self._learning is not None:
             self._reports.listen()
             self.urgent += [
-                self.create_service(SetBool, '~/freeze_learning', self._on_freeze),
-                self.create_service(Trigger, '~/reset_learning', self._on_reset_learning)]
+                self.create_service(SetBool, '~/freeze_learning',
+                                    partial(_freeze_learning, self._learning)),
+                self.create_service(Trigger, '~/reset_learning',
+                                    partial(_reset_learning, self._learning))]
         self._action: TrajectoryAction | None = None
         if FollowJointTrajectory is not None:
             self._action = TrajectoryAction(
@@ -280,24 +279,15 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         """Return a sample with the errors from the desired motion."""
         if self._learning is None:
             return sample
-        q, dq, _ = self._learning.correction(sample.t)
-        return TrackingError(
-            sample.t, _difference(sample.q_d, q), _difference(sample.dq_d, dq),
-            _difference(sample.e, q), _difference(sample.de, dq))
+        t, *vectors = sample
+        q, dq, _ = self._learning.correction(t)
+        return TrackingError(t, *np.subtract(vectors, (q, dq, q, dq)).tolist())
 
     def _log_learning(self) -> None:
         """Log the end of a pass, and a change of what comes of it."""
-        if self._learning is None:
-            return
-        learner = self._learning.learner
-        outcome, last = learner.outcome, learner.passes[-1] if learner.passes else None
-        if last is not None and last is not self._logged_pass:
-            self.get_logger().info(
-                f'pass {len(learner.passes)}: the RMS error of the worst joint is '
-                f'{max(last.rms):.3g} rad; {outcome}')
-        elif outcome != self._logged_outcome:
-            self.get_logger().info(f'learning from repetition: {outcome}')
-        self._logged_pass, self._logged_outcome = last, outcome
+        if self._learning is not None and self._learning.learner.report != self._logged:
+            self._logged = self._learning.learner.report
+            self.get_logger().info(self._logged)
 
     def _on_other_law(self) -> None:
         """Forget what was learned under another law."""
@@ -305,25 +295,6 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         self._learning.reset_learning()
         self.get_logger().warning(
             'the law of the controller has changed; what was learned is forgotten')
-
-    def _on_freeze(self, request: SetBool.Request, response: SetBool.Response
-                   ) -> SetBool.Response:
-        """Keep what was learned as it is, or learn again."""
-        assert self._learning is not None
-        self._learning.freeze(request.data)
-        response.success = True
-        response.message = ('What was learned stays as it is.' if request.data
-                            else 'Learning goes on with the next pass.')
-        return response
-
-    def _on_reset_learning(self, _request: Trigger.Request, response: Trigger.Response
-                           ) -> Trigger.Response:
-        """Forget what was learned."""
-        assert self._learning is not None
-        self._learning.reset_learning()
-        response.success = True
-        response.message = 'What was learned is forgotten, and its correction fades out.'
-        return response
 
     def _follow(self, route: Route, stamp: int) -> Followed:
         """Follow waypoints of the topic or the action."""
@@ -418,8 +389,23 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             self._publisher.publish(self._writer.write(begin, points))
 
 
-def _difference(x: Vector, y: Sequence[float]) -> Vector:
-    return tuple([a - b for a, b in zip(x, y)])
+def _freeze_learning(learning: LearningSchedule, request: SetBool.Request,
+                     response: SetBool.Response) -> SetBool.Response:
+    """Keep what was learned as it is, or learn again."""
+    learning.freeze(request.data)
+    response.success = True
+    response.message = ('What was learned stays as it is.' if request.data
+                        else 'Learning goes on with the next pass.')
+    return response
+
+
+def _reset_learning(learning: LearningSchedule, _request: Trigger.Request,
+                    response: Trigger.Response) -> Trigger.Response:
+    """Forget what was learned."""
+    learning.reset_learning()
+    response.success = True
+    response.message = 'What was learned is forgotten, and its correction fades out.'
+    return response
 
 
 def _description(followed: Followed) -> str:

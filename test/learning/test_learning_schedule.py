@@ -26,6 +26,7 @@ from ctc_chattering.numerics.time_grid import NANOSECONDS as S
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.motion_plan import MotionPlan
+from ctc_chattering.trajectory.path_clock import ScaledMotion
 from ctc_chattering.trajectory.reference import ReferenceConfig
 from ctc_chattering.trajectory.waypoints import Route
 import numpy as np
@@ -39,7 +40,7 @@ CONFIG = ReferenceConfig(amplitude=(0.3, 0.2), control_period=0.01, learning=Tru
 BEGIN, END = S, 2 * S
 FADE = round(FADE_S * S)
 FILTER = LearningFilter(
-    np.array([0.1, 50.0]), 0.7 * np.stack([np.eye(2, dtype=complex)] * 2), 8.0, 0.5)
+    np.array([0.1, 50.0]), np.stack([np.diag([0.7 + 0.0j] * 2)] * 2), 8.0, 0.5)
 
 
 def waypoints(*points: tuple[float, tuple[float, float]]) -> Route:
@@ -176,6 +177,30 @@ def test_a_stop_in_the_middle_of_a_pass_fades_the_correction_out() -> None:
     assert robot.schedule.at_rest
     assert robot.learner.outcome == 'waiting for a motion that is repeated'
     assert robot.learner.passes == [] and passes
+
+
+def test_a_stop_while_a_chunk_is_held_back_leaves_no_gap() -> None:
+    robot = Robot()
+    robot.run_to(END - PERIOD)
+    robot.reports = False
+    robot.run_to(max(robot.points))
+    robot.schedule.follow(Route((), [], []), 0)
+    robot.publish()
+    assert sorted(robot.points) == list(range(0, max(robot.points) + PERIOD, PERIOD))
+    assert_smooth(robot.array(), largest=16.0)
+
+
+def test_the_errors_of_a_goal_are_those_from_the_desired_motion() -> None:
+    """Also of the velocity, at another speed."""
+    robot = Robot(CONFIG.changed({'speed_scaling': 0.5}))
+    robot.run_to(8 * S)
+    clock = robot.schedule._clock
+    assert robot.plan.motion is not None
+    q, dq, _ = ScaledMotion(robot.plan.motion, clock).at(robot.now)
+    correction = robot.schedule.correction(robot.now)
+    published = robot.points[robot.now]
+    assert np.abs(correction[:2]).max() > 1e-3
+    np.testing.assert_allclose(np.subtract(published[:2], (q, dq)), correction[:2], atol=1e-12)
 
 
 def test_a_robot_that_is_held_gets_no_correction() -> None:

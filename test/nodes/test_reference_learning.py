@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from builtin_interfaces.msg import Duration
 from faults import Diagnostics
+import numpy as np
 from processes import probe
 import pytest
 from ros_messages import ns
@@ -60,8 +61,7 @@ def test_services_freeze_and_reset_and_another_law_forgets_what_was_learned() ->
         it.until(lambda: len([x for x in it.lines if 'pass 1: ' in x]) == 3, 'a first pass')
 
         assert it.set('controller', 'state_decimation', 100).successful
-        it.until_said('learning from repetition: learning: with state_decimation 100, errors come '
-                      'too rarely')
+        it.until_said('learning: with state_decimation 100, errors come too rarely')
         assert not any('Traceback' in line for line in it.lines)
 
 
@@ -73,12 +73,12 @@ def test_a_motion_goes_on_without_its_controller() -> None:
         it.start('plant', *ROBOT)
         it.until_said('pass 1: ')
         controller.process.kill()
-        it.until_said('learning from repetition: the controller has reported no errors')
+        it.until_said('the controller has reported no errors of the pass')
         end = ns(chunks[-1].header.stamp)
         it.until(lambda: ns(chunks[-1].header.stamp) > end + 2 * 10 ** 9, 'the motion')
         begins = sorted({ns(m.header.stamp) for m in chunks})
         length = ns(chunks[0].points[-1].time_from_start)
-        assert all(later - begin <= length + 5_000_000 for begin, later in zip(begins, begins[1:]))
+        assert max(np.diff(begins)) <= length + 5_000_000
         it.start('controller', *LAW, '-p', 'least_answered:=0.0')
         count = len(it.lines)
         it.until(lambda: any('pass ' in line for line in it.lines[count:]), 'the next pass')
@@ -90,7 +90,7 @@ def test_the_same_goal_again_is_another_pass() -> None:
         it.start('reference', *LEARNING, '-p', 'amplitude:=[0.0, 0.0]')
         it.start('controller', *LAW)
         it.start('plant', *ROBOT, '-p', 'pacing:=lockstep')
-        it.until_said('learning from repetition: learning: no joint moves')
+        it.until_said('no pass yet: learning: no joint moves')
         goal = JointTrajectory(joint_names=['joint1', 'joint2'], points=[
             JointTrajectoryPoint(positions=q, velocities=[0.0, 0.0],
                                  time_from_start=Duration(nanosec=t))
