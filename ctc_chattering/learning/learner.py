@@ -83,7 +83,7 @@ class Pass(NamedTuple):
     rms: tuple[float, ...]
 
 
-class _ReportedError(NamedTuple):
+class _ErrorSample(NamedTuple):
     """An error that the controller reported."""
 
     s: int
@@ -184,7 +184,7 @@ class Learner:
         self.motion: RepeatedMotion | None = None
         #: Path time at which the present pass begins [ns], None while none is measured.
         self._begin: int | None = None
-        self._samples: list[_ReportedError] = []
+        self._samples: list[_ErrorSample] = []
 
     @property
     def _present(self) -> _Progress:
@@ -321,7 +321,7 @@ class Learner:
         position, _, _ = motion.motion.at(s)
         turns = np.array(q_d) - position
         correction = turns - 2.0 * pi * np.rint(turns / (2.0 * pi))
-        self._samples.append(_ReportedError(s, correction, np.array(e) - correction))
+        self._samples.append(_ErrorSample(s, correction, np.array(e) - correction))
 
     def _finish(self) -> None:
         """End a pass, and begin the next one."""
@@ -343,7 +343,7 @@ class Learner:
                 self._fade(change)
                 self._begin = change + round(FADE_S * NANOSECONDS)
 
-    def _learn(self, motion: RepeatedMotion, begin: int, end: int, samples: Sequence[_ReportedError]
+    def _learn(self, motion: RepeatedMotion, begin: int, end: int, samples: Sequence[_ErrorSample]
                ) -> None:
         """Judge a pass, and make the correction of the next; raise `CtcError` if it cannot."""
         progress = self._present

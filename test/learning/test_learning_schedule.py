@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import itertools
 from math import pi, sin
 
 from ctc_chattering.learning.learner import FADE_S, LEAD_NS
@@ -114,7 +114,7 @@ def test_errors_shrink_from_pass_to_pass_without_a_jump() -> None:
     robot.run_to(9 * S)
     errors = [max(x.rms) for x in robot.learner.passes]
     assert len(errors) == 4
-    assert all(later < 0.5 * earlier for earlier, later in zip(errors[:3], errors[1:]))
+    assert all(later < 0.5 * earlier for earlier, later in itertools.pairwise(errors))
     assert_smooth(robot.array(), largest=16.0)
 
 
