@@ -95,7 +95,9 @@ def filter_for(motion: RepeatedMotion, reference: ReferenceConfig, controller: C
                        f'come too rarely; allowed: one in {seconds(MAX_GAP_NS):g} s or less')
     to_controller = [reference.joint_names.index(name) for name in names]
     to_reference = [names.index(name) for name in reference.joint_names]
-    model = Controller(controller, model).model
+    unscaled = controller.changed({'inertia_scale': 1.0, 'gravity_scale': 1.0})
+    model = Controller(unscaled, model).model  # With its payload, of which the law then is free.
+    controller = controller.changed({'payload_mass': 0.0})
     masses = [np.array(model.mass_matrix([q[i] for i in to_controller]))
               for q in motion.positions()]
     designed = design_filter(
