@@ -16,12 +16,16 @@
 
 from __future__ import annotations
 
+import time
+
 from builtin_interfaces.msg import Duration
 from faults import Diagnostics
 import numpy as np
 from processes import probe
 import pytest
+from rclpy.action import ActionClient
 from ros_messages import ns
+from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -29,6 +33,10 @@ pytestmark = pytest.mark.ros
 LEARNING = ('-p', 'learning:=true', '-p', 'frequency:=[4.0, 4.0]', '-p', 'amplitude:=[0.05, 0.05]',
             '-p', 'control_period:=0.005')
 ROBOT = ('-p', 'control_period:=0.005', '-p', 'initial_position:=[3.14159, 1.5708]')
+GOAL = JointTrajectory(joint_names=['joint1', 'joint2'], points=[
+    JointTrajectoryPoint(
+        positions=q, velocities=[0.0, 0.0], time_from_start=Duration(nanosec=t))
+    for t, q in ((400_000_000, [3.3, 1.7]), (800_000_000, [3.14, 1.57]))])
 LAW = ('-p', 'control_period:=0.005', '-p', 'law:=pd_gravity')
 
 
@@ -85,20 +93,49 @@ def test_a_motion_goes_on_without_its_controller() -> None:
 
 
 def test_the_same_goal_again_is_another_pass() -> None:
+    """In real time: a busy computer may spoil a pass, and the goal is sent once more."""
     with probe() as it:
         sent = it.node.create_publisher(JointTrajectory, 'reference/joint_trajectory', 10)
         it.start('reference', *LEARNING, '-p', 'amplitude:=[0.0, 0.0]')
-        it.start('controller', *LAW)
-        it.start('plant', *ROBOT, '-p', 'pacing:=lockstep')
+        it.start('controller', *LAW, '-p', 'least_answered:=0.0')
+        it.start('plant', *ROBOT)
         it.until_said('no pass yet: learning: no joint moves')
-        goal = JointTrajectory(joint_names=['joint1', 'joint2'], points=[
-            JointTrajectoryPoint(positions=q, velocities=[0.0, 0.0],
-                                 time_from_start=Duration(nanosec=t))
-            for t, q in ((400_000_000, [3.3, 1.7]), (800_000_000, [3.14, 1.57]))])
-        for number in (1, 2, 3):
-            it.until(sent.get_subscription_count, 'the reference')
-            sent.publish(goal)
-            it.until_said(f'pass {number}: ')
+        it.until(sent.get_subscription_count, 'the reference')
+        due = time.monotonic()
+
+        def third_pass() -> bool:
+            nonlocal due
+            if time.monotonic() > due:
+                sent.publish(GOAL)
+                due = time.monotonic() + 1.5
+            return any('pass 3: ' in line for line in it.lines)
+
+        it.until(third_pass, 'the third pass')
         errors = [float(line.split(' is ')[1].split(' rad')[0])
                   for line in it.lines if ' RMS error ' in line]
-        assert errors[2] < 0.7 * errors[0]
+        assert errors[-1] < 0.7 * errors[0]
+
+
+@pytest.mark.control_msgs
+def test_a_goal_is_judged_by_the_error_from_the_desired_motion() -> None:
+    """That from the corrected one stays as large as the correction."""
+    from control_msgs.action import FollowJointTrajectory
+    with probe() as it:
+        tracking = it.listen(JointState, 'controller/tracking')
+        client = ActionClient(it.node, FollowJointTrajectory, 'reference/follow_joint_trajectory')
+        it.start('reference', *LEARNING, '-p', 'amplitude:=[0.0, 0.0]', '-p', 'goal_time:=0.2',
+                 '-p', 'stopped_velocity_tolerance:=0.0', '-p', 'goal_tolerance:=[0.01, 0.01]')
+        it.start('controller', *LAW, '-p', 'least_answered:=0.0')
+        it.start('plant', *ROBOT, '-p', 'coulomb_friction:=[9.0, 4.0]')
+        it.until(client.server_is_ready, 'the action')
+        it.until(lambda: tracking, 'the motion')
+        codes = []
+        for _ in range(4):
+            sent = client.send_goal_async(FollowJointTrajectory.Goal(trajectory=GOAL))
+            it.until(sent.done, 'the goal')
+            result = sent.result().get_result_async()
+            it.until(result.done, 'the result')
+            codes.append(result.result().result.error_code)
+        assert codes[0] == FollowJointTrajectory.Result.GOAL_TOLERANCE_VIOLATED
+        assert codes[-1] == FollowJointTrajectory.Result.SUCCESSFUL, it.lines
+        assert max(map(abs, tracking[-1].position[2:])) > 0.012
