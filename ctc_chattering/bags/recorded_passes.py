@@ -112,15 +112,12 @@ def learn_from_bag(path: Path, classes: Mapping[str, object]) -> RecordedPasses:
     allowed = controller.control_period * np.abs(points[:, 1]) + ROUNDING
     is_at_motion = (np.abs(distance) <= allowed).all(axis=1).tolist()
     left_out = []
-    was_at_motion = True
     for k, s in enumerate(instants):
         if is_at_motion[k]:
             learner.add(s, q_d[k], e[k])
-        else:
+        elif learner.is_measuring:
             learner.interrupt(None)
-            if was_at_motion:
-                learner.problem = 'the controller or its reference left the motion'
-        was_at_motion = is_at_motion[k]
+            learner.problem = 'the controller or its reference left the motion'
         if learner.problem:
             left_out.append((seconds(s), learner.problem))
             learner.problem = ''

@@ -15,6 +15,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from bags import Entry, parameters, write_bag
@@ -140,8 +141,8 @@ def test_a_pass_with_a_gap_is_left_out(plain: tuple[Setup, Result], tmp_path: Pa
 def test_a_pass_in_which_the_controller_was_elsewhere_is_left_out(
         plain: tuple[Setup, Result], tmp_path: Path) -> None:
     found = learning_entries(*plain)
-    for topic, t, message in found:
-        if topic == TRACKING and 1.2 <= t / 1e9 < 1.23:
+    for topic, stamp, message in found:
+        if topic == TRACKING and 1.2 <= stamp / 1e9 < 1.23:
             message.position[:2] += 0.05
     (t, reason), *_ = left_out(tmp_path, found)
     assert t == 1.2 and reason == 'the controller or its reference left the motion'
@@ -171,8 +172,8 @@ def test_the_last_pass_is_left_out_unless_it_is_whole(
      'there is no whole pass to learn from'),
 ], ids=['reference', 'controller', 'change', 'tracking', 'short'])
 def test_a_bag_without_passes_is_refused(
-        change, reason: str, plain: tuple[Setup, Result], tmp_path: Path,  # type: ignore[no-untyped-def]
-        capsys: pytest.CaptureFixture[str]) -> None:
+        change: Callable[[list[Entry]], list[Entry]], reason: str, plain: tuple[Setup, Result],
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_bag(tmp_path / 'bag', change(learning_entries(*plain)))
     file = tmp_path / 'learned.npz'
     assert main(['learn', str(tmp_path / 'bag'), '--out', str(file)]) == 1
@@ -207,5 +208,5 @@ def test_a_learned_file_of_another_name_is_not_needed_to_learn_again(tmp_path: P
     values = {**setup.reference.as_mapping(), 'learning_file': 'elsewhere.npz'}
     write_bag(tmp_path / 'bag', [*found, parameters('reference', 0, values, True)])
     assert len(learn_from_bag(tmp_path / 'bag', {}).learner.passes) == 1
-    with pytest.raises(CtcError, match='elsewhere.npz: there is no such file'):
+    with pytest.raises(CtcError, match=r'elsewhere\.npz: there is no such file'):
         simulate(setup.changed({'reference': {'learning_file': 'elsewhere.npz'}}))

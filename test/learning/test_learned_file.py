@@ -109,7 +109,7 @@ def test_joints_in_another_order_are_other_joints(tmp_path: Path) -> None:
 def test_another_correction_is_refused(rows: Array, tmp_path: Path) -> None:
     file = tmp_path / 'learned.npz'
     write_correction(file, rows, *arguments(SETUP))
-    with pytest.raises(CtcError, match='must be 500 x 2 numbers within learning_bound, 0.1 rad'):
+    with pytest.raises(CtcError, match=r'must be 500 x 2 numbers within learning_bound, 0\.1 rad'):
         read_correction(file, *arguments(SETUP))
 
 
@@ -136,7 +136,7 @@ def zipped(**members: bytes) -> bytes:
     return stream.getvalue()
 
 
-def array(x: object, **how: Any) -> bytes:
+def array(x: Any, **how: Any) -> bytes:
     stream = BytesIO()
     np.save(stream, x, **how)
     return stream.getvalue()
@@ -194,7 +194,7 @@ def test_only_learned_files_are_replaced(
 
 
 def test_the_reference_takes_a_file_only_where_it_learns(file: Path) -> None:
-    with pytest.raises(CtcError, match='learning_file: .* only with learning: true'):
+    with pytest.raises(CtcError, match=r'learning_file: .* only with learning: true'):
         repeated_setup(learning_file=str(file))
 
 

@@ -44,10 +44,10 @@ def learning_entries(setup: Setup, result: Result) -> list[Entry]:
              parameters('reference', 0, setup.reference.as_mapping(), True)]
     labels = [f'{name}/{x}' for x in ('desired', 'error') for name in names]
     for k in range(0, len(times), setup.controller.state_decimation):
-        rows = (np.concatenate([x[k], x[k] - y[k]])
-                for x, y in ((run.q_d, run.q), (run.dq_d, run.dq)))
+        q = np.concatenate([run.q_d[k], run.q_d[k] - run.q[k]])
+        dq = np.concatenate([run.dq_d[k], run.dq_d[k] - run.dq[k]])
         found.append(Entry('/controller/tracking', times[k], joint_state(
-            times[k], labels, *rows, None)))
+            times[k], labels, q, dq, None)))
     if setup.reference.learning:
         desired = run.desired
         for begin in range(0, len(times), 25):
