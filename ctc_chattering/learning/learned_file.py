@@ -49,7 +49,7 @@ _ROUNDING = 1e-9
 
 
 def read_correction(path: Path, motion: RepeatedMotion, reference: ReferenceConfig,
-                    controller: ControllerConfig, description: str) -> Array:
+                    controller: ControllerConfig | None, description: str) -> Array:
     """
     Return the correction in a file, shape (N, n) [rad].
 
@@ -57,8 +57,11 @@ def read_correction(path: Path, motion: RepeatedMotion, reference: ReferenceConf
     ----------
     path : Path
         The file.
-    motion, reference, controller
-        Present motion, and configurations of reference and controller.
+    motion : RepeatedMotion
+        The present motion.
+    reference : ReferenceConfig
+    controller : ControllerConfig or None
+        None while it is not known: law and robot are then not compared.
     description : str
         Text of the controller's description of the robot, '' for none.
 
@@ -78,7 +81,7 @@ def read_correction(path: Path, motion: RepeatedMotion, reference: ReferenceConf
                 f'{name} {str(learned.get(name))[:100]}, and now it is {value}')
             raise CtcError(f'{path}: was learned for {difference}; make it anew from a bag of '
                            'this setup: ctc learn BAG')
-    shape = motion.duration // period_ns(controller.control_period), len(reference.joint_names)
+    shape = motion.duration // period_ns(reference.control_period), len(reference.joint_names)
     bound = reference.learning_bound
     if rows.dtype != float or rows.shape != shape or not (
             np.abs(rows) <= bound * (1.0 + _ROUNDING)).all():
@@ -118,13 +121,13 @@ def _load(path: Path) -> tuple[dict[str, Any], Array]:
     raise CtcError(f'{path}: is damaged, or no file of ctc learn')
 
 
-def _describe(motion: RepeatedMotion, reference: ReferenceConfig, controller: ControllerConfig,
-              description: str) -> dict[str, Any]:
+def _describe(motion: RepeatedMotion, reference: ReferenceConfig,
+              controller: ControllerConfig | None, description: str) -> dict[str, Any]:
     """Return what a correction is learned for, as JSON has it."""
-    values = controller.as_mapping()
-    law = {name: values[name] for name in values
-           if name not in _WITHOUT_INFLUENCE and controller.takes(name)}
-    robot = sha256(description.encode()).hexdigest()
-    learned: dict[str, Any] = json.loads(json.dumps(
-        {'motion': motion.name, 'joints': reference.joint_names, 'robot': robot, **law}))
-    return learned
+    values: dict[str, Any] = {'motion': motion.name, 'joints': reference.joint_names}
+    if controller is not None:
+        values['robot'] = sha256(description.encode()).hexdigest()
+        values |= {name: value for name, value in controller.as_mapping().items()
+                   if name not in _WITHOUT_INFLUENCE and controller.takes(name)}
+    described: dict[str, Any] = json.loads(json.dumps(values))
+    return described

@@ -92,6 +92,14 @@ def test_a_file_for_another_setup_is_refused(
         read_correction(file, *arguments(setup, description))
 
 
+def test_law_and_robot_are_not_compared_while_they_are_not_known(file: Path) -> None:
+    motion, reference, _, _ = arguments(SETUP)
+    np.testing.assert_array_equal(read_correction(file, motion, reference, None, ''), ROWS)
+    motion, reference, _, _ = arguments(changed('reference', phase=0.1))
+    with pytest.raises(CtcError, match='another motion'):
+        read_correction(file, motion, reference, None, '')
+
+
 def test_joints_in_another_order_are_other_joints(tmp_path: Path) -> None:
     """Both joints have the same motion, so that only their order tells."""
     alike = changed('reference', center=[1.0, 1.0])
