@@ -60,6 +60,7 @@ def read_correction(path: Path, motion: RepeatedMotion, reference: ReferenceConf
     motion : RepeatedMotion
         The present motion.
     reference : ReferenceConfig
+        Joints, period and bound.
     controller : ControllerConfig or None
         None while it is not known: law and robot are then not compared.
     description : str
