@@ -138,7 +138,7 @@ def _explain(runs: MapRuns, options: argparse.Namespace) -> int:
                     for name, x in runs.columns(run).items() if name not in ('law', 'switching')))
     values = runs.setup(run).values
     for parameters in values.values():
-        for name in {'description', 'trajectory_file'} & parameters.keys():
+        for name in {'description', 'trajectory_file', 'learning_file'} & parameters.keys():
             if (location := parameters[name]) and '://' not in location:
                 parameters[name] = str(Path(location).resolve())
     values['plant']['experiment'] = name = f'run_{run}'

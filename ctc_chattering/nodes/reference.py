@@ -32,6 +32,7 @@ from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ReferenceNodeConfig
 from ctc_chattering.configuration.topics import (
     CLOCK,
+    DESIRED,
     JOINT_STATES,
     JOINT_TRAJECTORY,
     REFERENCE,
@@ -110,6 +111,9 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         self._refused_waypoints = ''
         self._publisher = self.create_publisher(
             JointTrajectory, REFERENCE, qos(TOPICS[REFERENCE].depth))
+        #: The motion without its correction, if there may be one.
+        self._desired = self.create_publisher(
+            JointTrajectory, DESIRED, qos(TOPICS[DESIRED].depth)) if config.learning else None
         self._subscribers = 0
         self._states: ValidatedSubscription[JointState] | None = None
         self.inputs = [
@@ -382,10 +386,14 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             return
         in_force = self._schedule.update()
         if self.parameters.changed and in_force is not None:
-            if not self.matched(self._publisher):
+            publishers = filter(None, (self._publisher, self._desired))
+            if not self.matched(*publishers):
                 return
             self.parameters.announce(in_force)
         for begin, points in self._schedule.chunks():
+            if self._desired is not None:
+                desired = self._schedule.desired(begin)
+                self._desired.publish(self._writer.write(begin, desired))
             self._publisher.publish(self._writer.write(begin, points))
 
 

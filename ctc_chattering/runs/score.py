@@ -223,7 +223,8 @@ def slips_at_rest(run: Run, window: tuple[float, float]) -> Array:
     which the reference has rested for 0.3 s or more. Without such samples it is 0.
     """
     t = run.t[:, np.newaxis]
-    moves = (run.dq_d != 0.0) | (run.ddq_d != 0.0)
+    _, dq_d, ddq_d = run.desired
+    moves = np.maximum(np.abs(dq_d), np.abs(ddq_d)) > 1e-9  # More than rounding.
     last_move = np.maximum.accumulate(np.where(moves, t, t[0]), axis=0)
     rests = ((t - last_move >= 0.3) & within(t, window))[1:]
     is_fast = np.abs(run.dq) > 1e-3

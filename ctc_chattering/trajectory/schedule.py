@@ -329,6 +329,13 @@ class MotionSchedule:
         """Return whether the samples between two instants [ns] may be published."""
         return True
 
+    def desired(self, stamp: int) -> list[Point]:
+        """Return the samples of a chunk, by its stamp [ns], without a correction."""
+        assert self._plan.motion is not None
+        motion = ScaledMotion(self._plan.motion, self._clock)
+        begin = stamp - (self._start or 0)
+        return [motion.at(begin + k * self._period) for k in range(self.chunk_size)]
+
     def _after_published(self, now: int) -> int:
         """Return the first instant [ns] that may still change."""
         present = now // self._period
