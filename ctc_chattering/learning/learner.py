@@ -248,6 +248,7 @@ class Learner:
     def reset(self, begin: int) -> None:
         """Forget what was learned, and pass into no correction from path time `begin` [ns] on."""
         self._progress.clear()
+        self._begin = None
         self.follow(self._motion, begin)
 
     def interrupt(self, until: int | None) -> None:
@@ -317,7 +318,7 @@ class Learner:
         progress = self._present
         stamps = np.array([begin, *(sample.s for sample in samples), end])
         gap = int(np.diff(stamps).max())
-        if gap > _MAX_GAP_NS:
+        if gap >= min(_MAX_GAP_NS, (end - begin + 1) // 2):
             raise CtcError(f'errors of {seconds(gap):.3g} s are missing in the pass')
         correction = np.array([sample.correction for sample in samples])
         e = np.array([sample.e for sample in samples])

@@ -55,10 +55,12 @@ def response_of(config: ControllerConfig, lag: float = 0.0, differenced: bool = 
     law = linear_law(config, MASS, with_reference=True)
     loops = Loops([law], [MASS], config.control_period, np.full(2, lag), config.input_delay,
                   differenced)
-    return reference_response(loops, omega, ratio)[0]
+    T: ComplexArray = reference_response(loops, omega, ratio)[0]
+    return T
 
 
-def held_torque(period: float, omega: Array, differenced: bool) -> tuple[ComplexArray, ComplexArray]:
+def held_torque(period: float, omega: Array, differenced: bool
+                ) -> tuple[ComplexArray, ComplexArray]:
     """Return q and measured dq of an unit mass for a torque that is held."""
     z = np.exp(1j * omega * period)
     q = 0.5 * period ** 2 * (z + 1.0) / (z - 1.0) ** 2
@@ -103,7 +105,7 @@ def follow(config: ControllerConfig, lag: float, friction: float) -> ComplexArra
     """
     Return the answers of q to a sinusoid of each joint on a steady motion, as T.
 
-    The robot is `MASS` with drives of first order, exactly integrated, and the law is the real one.
+    The robot is `MASS` with drives of first order, exactly integrated. The law is the real one.
     """
     h = config.control_period
     zero = np.zeros((2, 2))
@@ -143,8 +145,9 @@ def _positions(config: ControllerConfig, step: Array, lag: float, friction: floa
     positions = []
     for k in range(len(reference) - delay):
         q = x[:2]
-        point, *ahead = reference[k:k + delay + 1].tolist()
-        sample = controller.step(q.tolist(), ((q - last_q) / h).tolist(), *point, ahead)
+        (q_d, dq_d, ddq_d), *ahead = reference[k:k + delay + 1].tolist()
+        dq = (q - last_q) / h
+        sample = controller.step(q.tolist(), dq.tolist(), q_d, dq_d, ddq_d, ahead)
         transit.append(np.array(sample.tau) - friction)
         last_q = q
         x[6:] = transit.pop(0)
