@@ -81,7 +81,7 @@ class Pass(NamedTuple):
     rms: tuple[float, ...]
 
 
-class _Sample(NamedTuple):
+class _ReportedError(NamedTuple):
     """An error that the controller reported."""
 
     s: int
@@ -173,7 +173,7 @@ class Learner:
         self._motion: RepeatedMotion | None = None
         #: Path time at which the present pass begins [ns], None while none is measured.
         self._begin: int | None = None
-        self._samples: list[_Sample] = []
+        self._samples: list[_ReportedError] = []
 
     @property
     def _present(self) -> _Progress:
@@ -290,7 +290,7 @@ class Learner:
         position, _, _ = motion.motion.at(s)
         turns = np.array(q_d) - position
         correction = turns - 2.0 * pi * np.rint(turns / (2.0 * pi))
-        self._samples.append(_Sample(s, correction, np.array(e) - correction))
+        self._samples.append(_ReportedError(s, correction, np.array(e) - correction))
 
     def _finish(self) -> None:
         """End a pass, and begin the next one."""
@@ -312,8 +312,8 @@ class Learner:
                 self._fade(change)
                 self._begin = change + round(FADE_S * NANOSECONDS)
 
-    def _learn(self, motion: RepeatedMotion, begin: int, end: int, samples: Sequence[_Sample]
-               ) -> None:
+    def _learn(self, motion: RepeatedMotion, begin: int, end: int,
+               samples: Sequence[_ReportedError]) -> None:
         """Judge a pass, and make the correction of the next; raise `CtcError` if it cannot."""
         progress = self._present
         stamps = np.array([begin, *(sample.s for sample in samples), end])

@@ -19,7 +19,7 @@ Simulate the closed loop without ROS.
 controller and reference are those of the nodes. Each is given by its configuration. Plant and
 model may also be given as objects. At every sample the controller computes a torque from the
 measured state. The plant holds it until the next sample. The loop runs as machine code
-(`CompiledLoop`) where that is possible, otherwise in Python. A `Learner` may correct the motion
+(`CompiledLoop`) where that is possible, otherwise in Python. A `Corrector` may correct the motion
 while it runs: the loop is then advanced in segments.
 """
 
@@ -136,7 +136,7 @@ class Run:
         return de if self.correction is None else de - self.correction[:, 1]
 
 
-class Learner(Protocol):
+class Corrector(Protocol):
     """A correction of the motion, learnt while it runs. Joints are in the reference's order."""
 
     def corrected(self, motion: TimedMotion) -> TimedMotion:
@@ -154,7 +154,7 @@ def run_closed_loop(plant: PlantConfig, controller: ControllerConfig, reference:
                     events: Sequence[Event] = (),
                     progress: Callable[[float], None] | None = None, truth: bool = False,
                     route: Route | None = None, robot: Plant | None = None,
-                    model: Model | None = None, learner: Learner | None = None) -> Run:
+                    model: Model | None = None, learner: Corrector | None = None) -> Run:
     """
     Return the samples of the closed loop.
 
@@ -178,7 +178,7 @@ def run_closed_loop(plant: PlantConfig, controller: ControllerConfig, reference:
         Plant in its initial state, made for `plant`. The default is a new one.
     model : Model, optional
         Model of the controller. The default is the one that its configuration names.
-    learner : Learner, optional
+    learner : Corrector, optional
         Corrects the motion, from every `state_decimation`-th sample. It must not simulate.
 
     Raises
@@ -426,7 +426,7 @@ class LearnedTable:
 
     Parameters
     ----------
-    learner : Learner
+    learner : Corrector
     motion : TimedMotion
         Motion over path time, in the order of the reference's joints.
     reference, controller
@@ -445,7 +445,7 @@ class LearnedTable:
 
     """
 
-    def __init__(self, learner: Learner, motion: TimedMotion, reference: ReferenceConfig,
+    def __init__(self, learner: Corrector, motion: TimedMotion, reference: ReferenceConfig,
                  controller: ControllerConfig, period: int, count: int) -> None:
         self._learner = learner
         self._motion = motion

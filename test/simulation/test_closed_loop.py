@@ -259,8 +259,12 @@ def test_a_learner_corrects_a_run_from_its_errors() -> None:
     learner, plant, law, reference = learning_setup(compiled=False)
     run = run_closed_loop(plant, law, reference, learner=learner)
     at_once = corrected_at_once(plant, law, reference)
-    for name, x in vars(at_once.run()).items():
+    desired = reference_table(reference, None, (), law.joint_names, 1_000_000, 503)
+    for name, x in vars(at_once.run(desired)).items():
         np.testing.assert_array_equal(getattr(run, name), x)
+    np.testing.assert_allclose(run.e, desired[:501, 0] - run.q, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(run.de, desired[:501, 1] - run.dq, rtol=1e-12, atol=1e-12)
+    assert abs(run.e - at_once.recorded.e).max() > 1e-4  # The law's own error is another.
     samples = slice(None, None, law.state_decimation)
     path_times, q_d, e = map(np.array, zip(*learner.added))
     np.testing.assert_array_equal(path_times, np.rint(run.t[samples] * 1e9 / 2))
