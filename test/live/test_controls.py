@@ -149,8 +149,8 @@ ODD: dict[str, tuple[Any, ...]] = {
     {'law': 'none'}, {'law': ['chattering']}, {'law': {}}, {'switching': None},
     {'record': 5}, {'record': ['x']}, {'record': None}, {'record': 'x'}, {'set': 'x'}, {}, [],
     None, 'law', {'torques': 1}, {'torques': 'on'},
-    {'move': 'x'}, {'learning': 'x'}, {'learning': True}, {'guide': 1}, {'speed': 1.5}, {'speed': True}, {'payload': -1},
-    {'payload': nan},
+    {'move': 'x'}, {'learning': 'x'}, {'learning': True}, {'guide': 1}, {'speed': 1.5},
+    {'speed': True}, {'payload': -1}, {'payload': nan},
     *[{name: value} for name, values in ODD.items() for value in values]])
 def test_a_request_that_no_page_of_ours_sends_is_ignored(message: Any) -> None:
     assert asked(message) == []
@@ -178,7 +178,8 @@ def test_every_other_request_is_one_call() -> None:
         'hold', 'step', 'run')] == [1.001, 1.007, 0.0]
 
 
-@pytest.mark.parametrize('value, shown', [(True, True), (False, False), (None, False), ('x', False)])
+@pytest.mark.parametrize(
+    'value, shown', [(True, True), (False, False), (None, False), ('x', False)])
 def test_learning_has_buttons_only_where_something_learns(value: Any, shown: bool) -> None:
     page = controls(reference={'learning': value})[0]
     assert page.state()['learning'] is shown
