@@ -17,7 +17,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.learning.correction import CorrectedMotion, Correction, NoCorrection
+from ctc_chattering.learning.correction import ConstantCorrection, CorrectedMotion, Correction
 from ctc_chattering.learning.motion import RepeatedMotion
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS
@@ -92,5 +92,5 @@ def test_waypoints_keep_the_ends_of_their_correction() -> None:
 
 def test_without_a_correction_the_motion_is_itself() -> None:
     motion = make_motion(ReferenceConfig())
-    corrected = CorrectedMotion(motion, NoCorrection(2))
+    corrected = CorrectedMotion(motion, ConstantCorrection((0.0, 0.0)))
     assert np.array_equal(numbers(corrected, 12345), numbers(motion, 12345))

@@ -130,20 +130,17 @@ def test_corrections_pass_into_each_other_smoothly() -> None:
 
 
 def test_waypoints_are_learned_when_they_are_sent_again() -> None:
-    def at_rest_without(t: float) -> Array:
-        error: Array = wave()(t) * np.array([1.0, 0.0])
-        return error
-
     learner = learner_of()
     for k in range(4):
         begin = k * 10 * SECOND
         motion = goal(begin)
         learner.follow(motion, begin)
         assert learner.known_until() is None
-        play(learner, motion, begin, begin + 3 * SECOND, at_rest_without)
-    first, second, _, fourth = sizes(learner)
-    assert second == pytest.approx(0.3 * first, rel=0.05)
-    assert fourth < 0.1 * first
+        play(learner, motion, begin, begin + 3 * SECOND, wave())
+    first, second, third, fourth = sizes(learner)
+    assert 0.3 * first < second < 0.45 * first  # Its offset from no correction fades out.
+    assert 0.08 * first < third < 0.13 * first
+    assert 0.02 * first < fourth < 0.05 * first
     other = goal(40 * SECOND, last=2.0)
     learner.follow(other, 40 * SECOND)
     assert learner.passes == [] and learner.rows is None
@@ -164,6 +161,29 @@ def test_after_waypoints_the_correction_stays_until_the_next_motion() -> None:
     assert np.abs(np.array(later[0]) - [1.0, -1.0]).max() > 1e-3
     learner.follow(None, 20 * SECOND)
     assert learner.corrected(motion.motion).at(21 * SECOND)[0] == pytest.approx([1.0, -1.0])
+
+
+@pytest.mark.parametrize('bound', [0.1, 0.02])
+def test_the_correction_of_waypoints_begins_smoothly_and_within_its_bound(bound: float) -> None:
+    """Also where the offset would exceed the bound."""
+    learner = learner_of(bound=bound)
+    points: list[Array] = []
+    for k in range(3):
+        begin = k * 10 * SECOND
+        motion = goal(begin)
+        learner.follow(motion, begin)
+        for s in range(begin - SECOND, begin + 3 * SECOND, STEP // 10):
+            if s % STEP == 0 and s >= begin:
+                play(learner, motion, s, s + STEP, wave(0.03))
+            points.append(np.subtract(learner.corrected(motion.motion).at(s), motion.motion.at(s)))
+    q, dq, _ = np.array(points).transpose(1, 0, 2)
+    assert 0.9 * min(bound, 0.03) < np.abs(q).max() < bound + 1e-9
+    assert len(learner.passes) == 3
+    of_one = 4000
+    for k in range(3):
+        run = slice(k * of_one, (k + 1) * of_one)
+        rate = np.gradient(q[run], 1e-3, axis=0)[1:-1]
+        assert rate == pytest.approx(dq[run][1:-1], abs=5e-3)
 
 
 def test_a_pass_that_ends_without_a_further_error_counts() -> None:
