@@ -26,7 +26,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ctc_chattering.bags.reader import read_configs, read_run_signals, TRACKING_TOPIC
-from ctc_chattering.bags.recorded_law import ROUNDING
 from ctc_chattering.bags.recorded_reference import read_reference
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.configuration.topics import DESIRED, JOINT_STATES
@@ -36,7 +35,6 @@ from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.learning.learner import Learner
 from ctc_chattering.learning.simulated_learner import learner_of
-from ctc_chattering.numerics.angles import TURN
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.trajectory.path_clock import PathClock
 from ctc_chattering.trajectory.reference import ReferenceConfig
@@ -96,28 +94,15 @@ def learn_from_bag(path: Path, classes: Mapping[str, object]) -> RecordedPasses:
     learner = learner_of(
         reference, controller, route, at_start, model_of(controller, description), description)
 
-    motion = learner.motion
-    assert motion is not None
     clock = PathClock(reference.speed_scaling, reference.speed_scaling)
     instants = [clock.at(t - start).instant for t in tracking.stamps.tolist()]
     columns = [names.index(name) for name in reference.joint_names]
     q_d, e = (x[:, columns] for x in np.hsplit(tracking.values[0], 2))
-    points = np.array([motion.motion.at(s) for s in instants])
-    correction = followed.correction_at(tracking.stamps, desired)
-    if correction is not None:
-        points += correction[:, :, columns]
-    distance = q_d - points[:, 0]
-    distance -= TURN * np.rint(distance / TURN)
-    # The controller takes states at its samples.
-    allowed = controller.control_period * np.abs(points[:, 1]) + ROUNDING
-    is_at_motion = (np.abs(distance) <= allowed).all(axis=1).tolist()
+    learned = followed.correction_at(tracking.stamps, desired)
+    correction = np.zeros_like(e) if learned is None else learned[:, 0, columns]
     left_out = []
-    for k, s in enumerate(instants):
-        if is_at_motion[k]:
-            learner.add(s, q_d[k], e[k])
-        elif learner.is_measuring:
-            learner.interrupt(None)
-            learner.problem = 'the controller or its reference left the motion'
+    for s, *sample in zip(instants, q_d, e, correction):
+        learner.add(s, *sample)
         if learner.problem:
             left_out.append((seconds(s), learner.problem))
             learner.problem = ''
