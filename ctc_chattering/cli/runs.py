@@ -73,6 +73,8 @@ def compare_options(parser: argparse.ArgumentParser) -> None:
                              'Default: 0. [at least 0]')
     parser.add_argument('--seed', type=int, default=SEED, metavar='S',
                         help=f'Seed of the random conditions of --held-out. Default: {SEED}.')
+    add_number(parser, '--passes', 'Show how every law learns in N passes of a periodic motion',
+               minimum=1, maximum=100)
     add_jobs(parser)
     add_output(parser)
 
@@ -87,7 +89,7 @@ def run_compare(options: argparse.Namespace) -> int:
             ('laws', 'condition', 'held_out', 'seed')):
         spec = ComparisonSpec(
             options.files, options.laws, options.condition, options.gains, options.held_out,
-            options.seed, options.cases)
+            options.seed, options.cases, options.passes or 0)
         rows = compare(
             spec, out=options.out, jobs=options.jobs, overwrite=options.overwrite, show=say,
             progress=show, extra=options.format, command=options.said)

@@ -15,6 +15,7 @@
 """Numbers of a run against tiny arrays worked out by hand."""
 
 from collections.abc import Sequence
+import dataclasses
 
 from ctc_chattering.analysis.metrics import (
     BAND,
@@ -59,6 +60,13 @@ def test_by_hand() -> None:
     assert found['max_torque_step_nm'] == [6.0, 10.0]
     assert found['max_torque_rate_nm_per_s'] == pytest.approx([6.0, 10 / 3])
     assert found['reaching_time_s'] == 6.0
+
+
+def test_errors_are_those_from_the_motion_without_what_was_learned() -> None:
+    correction = np.zeros((6, 3, 2))
+    correction[:, 0] = 1.0
+    run = dataclasses.replace(TINY, correction=correction)
+    assert metrics(run)['rms_error_rad'] == pytest.approx([np.sqrt(31 / 4), np.sqrt(19 / 4)])
 
 
 def test_window_is_a_parameter_and_holds_its_ends() -> None:
