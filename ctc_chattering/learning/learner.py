@@ -201,11 +201,6 @@ class Learner:
         return self._progress[self.motion.name] if self.motion else _Progress()
 
     @property
-    def motion(self) -> RepeatedMotion | None:
-        """Return the present motion, None for one that is not repeated."""
-        return self._motion
-
-    @property
     def is_measuring(self) -> bool:
         """Return whether there are errors of a pass that has not ended."""
         return bool(self._samples)
@@ -295,6 +290,10 @@ class Learner:
         elif begin <= motion.begin:
             self._begin = motion.begin
         self._fade(begin, fade)
+
+    def remember(self, name: str, rows: Array) -> None:
+        """Take the correction of a motion that is yet to be followed, shape (N, n) [rad]."""
+        self._progress[name] = _Progress(rows=rows)
 
     def reset(self, begin: int) -> None:
         """Forget what was learned, and pass into no correction from path time `begin` [ns] on."""
