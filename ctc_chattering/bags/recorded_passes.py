@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """
 Learn a correction from the passes in a bag, for `ctc learn`.
 
@@ -80,10 +81,9 @@ def learn_from_bag(path: Path, classes: Mapping[str, object]) -> RecordedPasses:
         signals = read_run_signals(bag, controller.joint_names)
         followed = read_reference(bag, controller.joint_names)
         desired = read_reference(bag, controller.joint_names, DESIRED)
-    first = max(start, followed.start)
-    states, tracking = (
-        signal.select(signal.stamps >= first)
-        for signal in (signals[JOINT_STATES], signals[TRACKING_TOPIC]))
+    states, tracking = signals[JOINT_STATES], signals[TRACKING_TOPIC]
+    states = states.select(states.stamps >= start)
+    tracking = tracking.select(tracking.stamps >= max(start, followed.start))
     if not len(states.stamps) or not len(tracking.stamps):
         raise CtcError(f'{path}: there is no error of the reference on {TRACKING_TOPIC}')
     file = reference.trajectory_file

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """
 A correction in a file, to keep it between runs.
 
@@ -41,9 +42,10 @@ import numpy as np
 
 #: Parameters of the controller without influence on the errors of a pass: rate of the reports,
 #: machine code, name of the description (its text counts), what only the design of filters and
-#: gains uses, and the limit at which a run ends. A file cannot tell whether the limits of the
-#: torque acted, so they count.
-_WITHOUT_INFLUENCE = {'state_decimation', 'compiled', 'description', 'resonance', 'error_limit'}
+#: gains uses, and limits, which do not act in ordinary passes.
+_WITHOUT_INFLUENCE = {
+    'state_decimation', 'compiled', 'description', 'resonance', 'error_limit', 'effort_limit',
+    'effort_rate_limit', 'anti_windup'}
 #: Part of the learning bound by which rounding may exceed it.
 _ROUNDING = 1e-9
 

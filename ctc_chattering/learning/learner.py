@@ -237,6 +237,10 @@ class Learner:
             self._begin = motion.begin
         self._fade(begin, fade)
 
+    def remember(self, name: str, rows: Array) -> None:
+        """Take the correction of a motion that is yet to be followed, shape (N, n) [rad]."""
+        self._progress[name] = Progress(rows=rows)
+
     def reset(self, begin: int) -> None:
         """Forget what was learned, and pass into no correction from path time `begin` [ns] on."""
         self._progress.clear()

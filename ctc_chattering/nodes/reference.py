@@ -41,7 +41,9 @@ from ctc_chattering.configuration.topics import (
 from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.controller.state_machine import Mode
 from ctc_chattering.errors import CtcError, RejectedMessage
+from ctc_chattering.learning.learned_file import read_correction
 from ctc_chattering.learning.learning_schedule import LearningSchedule
+from ctc_chattering.learning.motion import motion_of
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, period_ns
 from ctc_chattering.ros.controller_law import ControllerLaw
 from ctc_chattering.ros.controller_reports import ControllerReports, TrackingError
@@ -56,7 +58,7 @@ from ctc_chattering.ros.trajectory_action import (
 )
 from ctc_chattering.trajectory.joint_limits import read_limits
 from ctc_chattering.trajectory.motion_plan import Followed, MotionPlan
-from ctc_chattering.trajectory.reference import ReferenceConfig
+from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
 from ctc_chattering.trajectory.schedule import MotionSchedule
 from ctc_chattering.trajectory.transitions import Transition
 from ctc_chattering.trajectory.waypoints import Route
@@ -100,6 +102,12 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             self._law = ControllerLaw(
                 self, config, lambda: self._schedule.simulated, self._on_other_law)
             self._learning = LearningSchedule(self._plan, *timing, self._law.filter_of)
+        if self._learning is not None and config.learning_file:
+            whole = make_motion(config.changed({'start_duration': 0.0}), route)
+            motion = motion_of(config, route, whole)
+            rows = read_correction(Path(config.learning_file), motion, config, None, '')
+            self._learning.learner.remember(motion.name, rows)
+            self._law.learned_motion = motion.name
         self._schedule = self._learning or MotionSchedule(self._plan, *timing)
         #: Last report on what is learned in the log.
         self._logged = ''
@@ -190,7 +198,10 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             self._schedule.repeat()
         self._subscribers = subscribers
         if self._learning is not None and self._learning.repeated is not None:
-            self._learning.learner.refusal = self._law.refusal(self._learning.repeated)
+            refusal = self._law.refusal(self._learning.repeated)
+            if refusal and not self._learning.learner.refusal:
+                self._learning.reset_learning()
+            self._learning.learner.refusal = refusal
         self._log_learning()
         self._publish_chunks()
         if self._action is not None:

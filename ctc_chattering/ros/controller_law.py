@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 from ctc_chattering.configuration.topics import PARAMETERS, ROBOT_DESCRIPTION
@@ -30,6 +31,7 @@ from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import as_ctc_error
 from ctc_chattering.learning.design import filter_for
+from ctc_chattering.learning.learned_file import read_correction
 from ctc_chattering.learning.learning_filter import LearningFilter
 from ctc_chattering.learning.motion import RepeatedMotion
 from ctc_chattering.ros.parameters import CHANGES
@@ -72,6 +74,8 @@ class ControllerLaw:
         #: Filters by the motion's name.
         self._filters: dict[str, Future[LearningFilter]] = {}
         self._worker = ThreadPoolExecutor(1)
+        #: Name of the motion whose correction is from a file for the present law, or ''.
+        self.learned_motion = ''
         node.create_subscription(
             ParameterEvent, f'controller/{PARAMETERS}', self._on_parameters,
             qos(CHANGES, latched=True))
@@ -101,6 +105,9 @@ class ControllerLaw:
                  ) -> LearningFilter:
         """Return a filter. It raises `CtcError`, also for values that name code."""
         config = ControllerConfig.received(values)
+        if motion.name == self.learned_motion:
+            path = Path(self._reference.learning_file)
+            read_correction(path, motion, self._reference, config, description)
         with as_ctc_error('learning'):
             return filter_for(motion, self._reference, config, model_of(config, description))
 
@@ -118,4 +125,5 @@ class ControllerLaw:
         self._values, self._description = values, description
         if is_changed:
             self._filters.clear()
+            self.learned_motion = ''
             self._on_change()

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """`ctc learn`: what the passes in a bag teach is what the learner of the run has learned."""
 
 from __future__ import annotations

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Files of a correction: read as written, and refused for another motion, robot or law."""
 
 from __future__ import annotations
@@ -67,6 +68,7 @@ def test_a_correction_is_read_as_it_was_written(file: Path) -> None:
 
 @pytest.mark.parametrize('values', [
     {'state_decimation': 1}, {'compiled': True}, {'resonance': 20.0}, {'error_limit': 1.0},
+    {'effort_limit': 9.0},
     {'ka': 3.0}])
 def test_parameters_without_influence_may_differ(file: Path, values: dict[str, object]) -> None:
     """The last one is none of the law."""
@@ -82,8 +84,6 @@ def test_parameters_without_influence_may_differ(file: Path, values: dict[str, o
      'law pd_gravity, and now it is observer_feedback'),
     (changed('controller', kp=[100.0, 900.0]), 'robot',
      r'kp \[900.0, 900.0\], and now it is \[100.0, 900.0\]'),
-    (changed('controller', effort_limit=9.0), 'robot',
-     r'effort_limit \[inf, inf\], and now it is \[9.0, 9.0\]'),
     (changed('reference', joint_names=['joint2', 'joint1'], center=[1.0, 1.0]), 'robot',
      'another motion')])
 def test_a_file_for_another_setup_is_refused(

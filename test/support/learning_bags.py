@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Setups whose reference learns, and bags of their runs, such as the recorder makes them."""
 
 from __future__ import annotations
