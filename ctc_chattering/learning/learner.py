@@ -191,9 +191,10 @@ class Learner:
 
     def known_until(self) -> int | None:
         """Return the path time before which the correction is final [ns], None for ever."""
-        motion = self.motion
-        is_changing = motion is not None and motion.is_periodic and self._begin is not None
-        if not is_changing or self.state is not LearningState.LEARNING:
+        motion, state = self.motion, self.state
+        may_change = state is LearningState.LEARNING or (
+            state is LearningState.STOPPED and self.rows is not None)
+        if motion is None or not motion.is_periodic or self._begin is None or not may_change:
             return None
         return self._end + LEAD_NS
 
