@@ -33,9 +33,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 
+from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.learning.learner import MAX_GAP_NS
 from ctc_chattering.learning.learning_filter import ComplexArray, LearningFilter, low_pass
 from ctc_chattering.learning.motion import RepeatedMotion
 from ctc_chattering.margins.linear_law import is_proportional, linear_law
@@ -77,7 +79,7 @@ def filter_for(motion: RepeatedMotion, reference: ReferenceConfig, controller: C
     controller : ControllerConfig
         Law, gains, and what is known of the loop.
     model : Model
-        Model of the controller.
+        Model of the controller, without its payload.
 
     Raises
     ------
@@ -88,8 +90,14 @@ def filter_for(motion: RepeatedMotion, reference: ReferenceConfig, controller: C
     names = controller.joint_names
     if {*names} != {*reference.joint_names}:
         raise CtcError('learning: the reference must have the joints of the controller')
+    if controller.state_decimation * period_ns(controller.control_period) > MAX_GAP_NS:
+        raise CtcError(f'learning: with state_decimation {controller.state_decimation}, errors '
+                       f'come too rarely; allowed: one in {seconds(MAX_GAP_NS):g} s or less')
     to_controller = [reference.joint_names.index(name) for name in names]
     to_reference = [names.index(name) for name in reference.joint_names]
+    unscaled = controller.changed({'inertia_scale': 1.0, 'gravity_scale': 1.0})
+    model = Controller(unscaled, model).model  # With its payload, of which the law then is free.
+    controller = controller.changed({'payload_mass': 0.0})
     masses = [np.array(model.mass_matrix([q[i] for i in to_controller]))
               for q in motion.positions()]
     designed = design_filter(

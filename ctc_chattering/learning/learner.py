@@ -48,7 +48,7 @@ _ENTRY_S = 0.05
 #: Time from the start of a periodic motion to its first pass [ns].
 _SETTLING_NS = NANOSECONDS
 #: Longest time between two errors of a pass [ns].
-_MAX_GAP_NS = NANOSECONDS // 10
+MAX_GAP_NS = NANOSECONDS // 10
 #: Time by which waypoints are extended for the filter, so that their end passes into their begin
 #: [s].
 _LEAD_OUT_S = 1.0
@@ -65,12 +65,24 @@ _ROUNDING = 1e-6
 _LIMIT_CHECKS = 500
 
 
+def duration_of_passes(motion: RepeatedMotion, count: int) -> int:
+    """
+    Return the time that passes of a periodic motion take from path time 0 [ns].
+
+    Pass k begins at that of k passes, if each of them changes the correction.
+    """
+    between = LEAD_NS + round(FADE_S * NANOSECONDS)
+    return motion.start + _SETTLING_NS + count * (motion.duration + between)
+
+
 class LearningState(Enum):
     """What a `Learner` does with its passes, in words."""
 
     LEARNING = 'learning'
     FROZEN = 'frozen'
     STOPPED = 'stopped, because the error grew over two passes'
+    REFUSED = 'refused'
+    IDLE = 'waiting for a motion that is repeated'
 
 
 class Pass(NamedTuple):
@@ -83,7 +95,7 @@ class Pass(NamedTuple):
     rms: tuple[float, ...]
 
 
-class _ReportedError(NamedTuple):
+class _ErrorSample(NamedTuple):
     """An error that the controller reported."""
 
     s: int
@@ -155,6 +167,14 @@ class Learner:
     ----------
     problem : str
         Why the last pass has changed nothing, if so.
+    refusal : str
+        Why learning need not converge, if so. Nothing is then learned.
+    limits : sequence of JointLimits, length n, or None
+        Limits that the corrected motion must keep.
+    motion : RepeatedMotion or None
+        The present one.
+    applied : TimedMotion
+        The correction in force.
     is_frozen : bool
         Whether corrections stay as they are.
 
@@ -166,20 +186,31 @@ class Learner:
         self._bound = bound
         self._period = period
         self._filter_of = filter_of
-        self._limits = limits
+        self.limits = limits
         self.problem = ''
+        self.refusal = ''
         self.is_frozen = False
         self._none = ConstantCorrection((0.0,) * n)
-        self._applied: TimedMotion = self._none
+        self.applied: TimedMotion = self._none
         self._progress: dict[str, _Progress] = {}
-        self._motion: RepeatedMotion | None = None
+        self.motion: RepeatedMotion | None = None
         #: Path time at which the present pass begins [ns], None while none is measured.
         self._begin: int | None = None
-        self._samples: list[_ReportedError] = []
+        self._samples: list[_ErrorSample] = []
 
     @property
     def _present(self) -> _Progress:
-        return self._progress[self._motion.name] if self._motion else _Progress()
+        return self._progress[self.motion.name] if self.motion else _Progress()
+
+    @property
+    def motion(self) -> RepeatedMotion | None:
+        """Return the present motion, None for one that is not repeated."""
+        return self._motion
+
+    @property
+    def is_measuring(self) -> bool:
+        """Return whether there are errors of a pass that has not ended."""
+        return bool(self._samples)
 
     @property
     def passes(self) -> list[Pass]:
@@ -194,17 +225,34 @@ class Learner:
     @property
     def state(self) -> LearningState:
         """Return what it does with its passes."""
+        if self.refusal:
+            return LearningState.REFUSED
         if self.is_frozen:
             return LearningState.FROZEN
+        if self.motion is None:
+            return LearningState.IDLE
         return LearningState.STOPPED if self._present.is_stopped else LearningState.LEARNING
+
+    @property
+    def outcome(self) -> str:
+        """Return in words what comes of the passes."""
+        return self.refusal or self.problem or self.state.value
+
+    @property
+    def report(self) -> str:
+        """Return the last pass and its outcome in words."""
+        if not self.passes:
+            return f'no pass yet: {self.outcome}'
+        return (f'pass {len(self.passes)}: the RMS error of the worst joint is '
+                f'{max(self.passes[-1].rms):.3g} rad; {self.outcome}')
 
     def corrected(self, motion: TimedMotion) -> TimedMotion:
         """Return a motion with the correction in force."""
-        return CorrectedMotion(motion, self._applied)
+        return CorrectedMotion(motion, self.applied)
 
     def known_until(self) -> int | None:
         """Return the path time before which the correction is final [ns], None for ever."""
-        motion = self._motion
+        motion = self.motion
         is_changing = motion is not None and motion.is_periodic and self._begin is not None
         if not is_changing or self.state is not LearningState.LEARNING:
             return None
@@ -213,10 +261,11 @@ class Learner:
     @property
     def _end(self) -> int:
         """Path time at which the present pass ends [ns]."""
-        assert self._begin is not None and self._motion is not None
-        return self._begin + self._motion.duration
+        assert self._begin is not None and self.motion is not None
+        return self._begin + self.motion.duration
 
-    def follow(self, motion: RepeatedMotion | None, begin: int, rows: Array | None = None) -> None:
+    def follow(self, motion: RepeatedMotion | None, begin: int, rows: Array | None = None,
+               fade: float = FADE_S) -> None:
         """
         Pass into the correction of another motion.
 
@@ -228,15 +277,17 @@ class Learner:
             Path time from which it is followed [ns].
         rows : array, shape (N, n), optional
             Its correction, if it was learned before [rad].
+        fade : float
+            Time in which its correction replaces the present one [s].
 
         """
         if self._begin is not None and begin >= self._end:
             self._finish()
-        self._motion = motion
+        self.motion = motion
         self._samples = []
         self._begin = None
         if motion is None:
-            self._fade(begin)
+            self._fade(begin, fade)
             return
         progress = self._progress.setdefault(motion.name, _Progress())
         if rows is not None:
@@ -245,13 +296,13 @@ class Learner:
             self._begin = begin + _SETTLING_NS
         elif begin <= motion.begin:
             self._begin = motion.begin
-        self._fade(begin)
+        self._fade(begin, fade)
 
     def reset(self, begin: int) -> None:
         """Forget what was learned, and pass into no correction from path time `begin` [ns] on."""
         self._progress.clear()
         self._begin = None
-        self.follow(self._motion, begin)
+        self.follow(self.motion, begin)
 
     def interrupt(self, until: int | None) -> None:
         """
@@ -266,7 +317,7 @@ class Learner:
         """
         self._samples = []
         self._present.forget_errors()
-        self._begin = until if self._motion and self._motion.is_periodic else None
+        self._begin = until if self.motion and self.motion.is_periodic else None
 
     def add(self, s: int, q_d: Sequence[float], e: Sequence[float]) -> None:
         """
@@ -280,7 +331,7 @@ class Learner:
             Position of the corrected reference, and error from it [rad].
 
         """
-        motion = self._motion
+        motion = self.motion
         if motion is None or (self._begin is None and not motion.is_periodic):
             return
         if self._begin is None:
@@ -292,11 +343,11 @@ class Learner:
         position, _, _ = motion.motion.at(s)
         turns = np.array(q_d) - position
         correction = turns - 2.0 * pi * np.rint(turns / (2.0 * pi))
-        self._samples.append(_ReportedError(s, correction, np.array(e) - correction))
+        self._samples.append(_ErrorSample(s, correction, np.array(e) - correction))
 
     def _finish(self) -> None:
         """End a pass, and begin the next one."""
-        motion, begin, end = self._motion, self._begin, self._end
+        motion, begin, end = self.motion, self._begin, self._end
         assert motion is not None and begin is not None
         samples, self._samples = self._samples, []
         before = self._present.rows
@@ -314,13 +365,13 @@ class Learner:
                 self._fade(change)
                 self._begin = change + round(FADE_S * NANOSECONDS)
 
-    def _learn(self, motion: RepeatedMotion, begin: int, end: int,
-               samples: Sequence[_ReportedError]) -> None:
+    def _learn(self, motion: RepeatedMotion, begin: int, end: int, samples: Sequence[_ErrorSample]
+               ) -> None:
         """Judge a pass, and make the correction of the next; raise `CtcError` if it cannot."""
         progress = self._present
         stamps = np.array([begin, *(sample.s for sample in samples), end])
         gap = int(np.diff(stamps).max())
-        if gap >= min(_MAX_GAP_NS, (end - begin + 1) // 2):
+        if gap >= min(MAX_GAP_NS, (end - begin + 1) // 2):
             raise CtcError(f'errors of {seconds(gap):.3g} s are missing in the pass')
         correction = np.array([sample.correction for sample in samples])
         e = np.array([sample.e for sample in samples])
@@ -352,27 +403,27 @@ class Learner:
 
     def _check_limits(self, motion: RepeatedMotion, rows: Array) -> None:
         """Raise `CtcError` if a corrected motion exceeds limits."""
-        if self._limits is None:
+        if self.limits is None:
             return
         corrected = CorrectedMotion(motion.motion, Correction(motion, rows))
         instants = np.linspace(0, motion.duration, _LIMIT_CHECKS).astype(int).tolist()
         points = [corrected.at(motion.begin + t) for t in instants]
-        if violations := describe_violations(self._limits, points):
+        if violations := describe_violations(self.limits, points):
             raise CtcError(f'the corrected motion is beyond the limits: {violations}')
 
-    def _fade(self, begin: int) -> None:
+    def _fade(self, begin: int, duration: float = FADE_S) -> None:
         """Pass into the correction of the present motion from path time `begin` [ns] on."""
-        while isinstance(self._applied, Transition) and begin >= self._applied.end:
-            self._applied = self._applied.target
+        while isinstance(self.applied, Transition) and begin >= self.applied.end:
+            self.applied = self.applied.target
         rows = self._present.rows
         target: TimedMotion = self._none
-        if self._motion is not None and rows is not None:
-            target = Correction(self._motion, rows)
-            present, _, _ = self._applied.at(begin)
+        if self.motion is not None and rows is not None:
+            target = Correction(self.motion, rows)
+            present, _, _ = self.applied.at(begin)
             offset = np.array(present) - rows[0]
             is_within = (np.abs(rows).max(axis=0) + np.abs(offset) <= self._bound).all()
-            if begin <= self._motion.begin and not self._motion.is_periodic and is_within:
+            if begin <= self.motion.begin and not self.motion.is_periodic and is_within:
                 # Most errors are those of the start. So it soon is complete but for an offset.
                 shifted = CorrectedMotion(target, ConstantCorrection(offset.tolist()))
-                self._applied = Transition(self._applied, shifted, begin, _ENTRY_S)
-        self._applied = Transition(self._applied, target, begin, FADE_S)
+                self.applied = Transition(self.applied, shifted, begin, _ENTRY_S)
+        self.applied = Transition(self.applied, target, begin, duration)
