@@ -96,7 +96,7 @@ def draw(passes: dict[tuple[str, str], Passes]) -> Figure:
         ax.tick_params(which='both', color=GRID[0], labelcolor=INK[0])
         ax.xaxis.label.set_color(INK[0])
     axes[0].set_ylabel('RMS error of the worst joint [rad]', color=INK[0])
-    axes[1].legend(frameon=False, labelcolor=INK[0], loc='upper right')
+    axes[0].legend(frameon=False, labelcolor=INK[0], loc='upper right')
     figure.tight_layout()
     return figure
 

@@ -147,6 +147,21 @@ def test_every_law_has_a_filter(law: str, lag_is_known: bool) -> None:
         assert factor < learning_filter.contraction + 0.03
 
 
+def test_the_gain_is_the_least_squares_solution_for_the_mean_response() -> None:
+    """Columns of L minimise |column of I - T x|² + 0.05 |x|², and are scaled by the gain."""
+    setup = setup_of('friction', 'pd_gravity')
+    learning_filter = designed(setup)
+    masses = masses_of(setup)
+    laws = [linear_law(setup.controller, mass, with_reference=True) for mass in masses]
+    loops = Loops(laws, masses, 1e-3, np.full(2, LAG), 1, differenced=True)
+    T = reference_response(loops, 2.0 * np.pi * learning_filter.frequencies).mean(axis=0)
+    for response, gain in zip(T, learning_filter.gain):
+        weighted = np.vstack([response, 0.05 ** 0.5 * np.eye(2)])
+        target = np.vstack([np.eye(2), np.zeros((2, 2))])
+        least, *_ = np.linalg.lstsq(weighted, target, rcond=None)
+        assert gain == pytest.approx(GAIN * least, abs=1e-6)
+
+
 @pytest.mark.parametrize('law, switching', [
     ('chattering', 'sign'), ('chattering', 'implicit_observer'), ('super_twisting', None)])
 def test_a_law_that_is_not_linear_slides_or_is_its_equations_without_the_robust_term(
