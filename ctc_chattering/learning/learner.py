@@ -201,11 +201,6 @@ class Learner:
         return self._progress[self.motion.name] if self.motion else _Progress()
 
     @property
-    def motion(self) -> RepeatedMotion | None:
-        """Return the present motion, None for one that is not repeated."""
-        return self._motion
-
-    @property
     def is_measuring(self) -> bool:
         """Return whether there are errors of a pass that has not ended."""
         return bool(self._samples)
