@@ -21,6 +21,8 @@ The correction of a motion, as a motion.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ctc_chattering.learning.motion import RepeatedMotion
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import seconds
@@ -29,23 +31,23 @@ from ctc_chattering.trajectory.transitions import TimedMotion
 import numpy as np
 
 
-class NoCorrection:
+class ConstantCorrection:
     """
-    The correction of a motion that is not known yet.
+    A correction that does not change, such as 0 for a motion that is not known yet.
 
     Parameters
     ----------
-    n : int
-        Number of joints.
+    q : sequence of float, shape (n,)
+        Correction [rad].
 
     """
 
-    def __init__(self, n: int) -> None:
-        zeros = (0.0,) * n
-        self._point = zeros, zeros, zeros
+    def __init__(self, q: Sequence[float]) -> None:
+        zeros = (0.0,) * len(q)
+        self._point = q, zeros, zeros
 
     def at(self, t: int) -> Point:  # noqa: ARG002
-        """Return 0 at any `t` [ns]."""
+        """Return the correction at any `t` [ns]."""
         return self._point
 
 

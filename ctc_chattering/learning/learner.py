@@ -30,7 +30,7 @@ from math import inf, pi
 from typing import NamedTuple
 
 from ctc_chattering.errors import CtcError
-from ctc_chattering.learning.correction import CorrectedMotion, Correction, NoCorrection
+from ctc_chattering.learning.correction import ConstantCorrection, CorrectedMotion, Correction
 from ctc_chattering.learning.learning_filter import LearningFilter
 from ctc_chattering.learning.motion import RepeatedMotion
 from ctc_chattering.numerics.linear_algebra import Array
@@ -43,6 +43,8 @@ import numpy as np
 LEAD_NS = NANOSECONDS // 2
 #: Time in which one correction passes into another [s].
 FADE_S = 0.25
+#: Time from the begin of waypoints in which their correction begins [s].
+_ENTRY_S = 0.05
 #: Time from the start of a periodic motion to its first pass [ns].
 _SETTLING_NS = NANOSECONDS
 #: Longest time between two errors of a pass [ns].
@@ -188,7 +190,7 @@ class Learner:
         self.problem = ''
         self.refusal = ''
         self.is_frozen = False
-        self._none = NoCorrection(n)
+        self._none = ConstantCorrection((0.0,) * n)
         self.applied: TimedMotion = self._none
         self._progress: dict[str, _Progress] = {}
         self.motion: RepeatedMotion | None = None
@@ -364,7 +366,7 @@ class Learner:
         progress = self._present
         stamps = np.array([begin, *(sample.s for sample in samples), end])
         gap = int(np.diff(stamps).max())
-        if gap > MAX_GAP_NS:
+        if gap >= min(MAX_GAP_NS, (end - begin + 1) // 2):
             raise CtcError(f'errors of {seconds(gap):.3g} s are missing in the pass')
         correction = np.array([sample.correction for sample in samples])
         e = np.array([sample.e for sample in samples])
@@ -412,4 +414,11 @@ class Learner:
         target: TimedMotion = self._none
         if self.motion is not None and rows is not None:
             target = Correction(self.motion, rows)
+            present, _, _ = self.applied.at(begin)
+            offset = np.array(present) - rows[0]
+            is_within = (np.abs(rows).max(axis=0) + np.abs(offset) <= self._bound).all()
+            if begin <= self.motion.begin and not self.motion.is_periodic and is_within:
+                # Most errors are those of the start. So it soon is complete but for an offset.
+                shifted = CorrectedMotion(target, ConstantCorrection(offset.tolist()))
+                self.applied = Transition(self.applied, shifted, begin, _ENTRY_S)
         self.applied = Transition(self.applied, target, begin, duration)
