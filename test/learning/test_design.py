@@ -153,8 +153,10 @@ def test_the_gain_is_the_least_squares_solution_for_the_mean_response() -> None:
     learning_filter = designed(setup)
     masses = masses_of(setup)
     laws = [linear_law(setup.controller, mass, with_reference=True) for mass in masses]
-    loops = Loops(laws, masses, 1e-3, np.full(2, LAG), 1, differenced=True)
-    T = reference_response(loops, 2.0 * np.pi * learning_filter.frequencies).mean(axis=0)
+    loops = [Loops(laws, masses, 1e-3, np.full(2, LAG), 1, differenced)
+             for differenced in (True, False)]
+    omega = 2.0 * np.pi * learning_filter.frequencies
+    T = np.concatenate([reference_response(x, omega) for x in loops]).mean(axis=0)
     for response, gain in zip(T, learning_filter.gain):
         weighted = np.vstack([response, 0.05 ** 0.5 * np.eye(2)])
         target = np.vstack([np.eye(2), np.zeros((2, 2))])
