@@ -217,6 +217,7 @@ def test_a_goal_ends_with_an_error_when_something_else_decides(reason: str) -> N
         handle = action.send(action.goal((30.0, (2.0, 1.5))))
         future = handle.get_result_async()
         it.until(action.reports.get_subscription_count, 'the reader of the reports')
+        it.until_said('joint_trajectory is accepted')
         if reason == 'trip':
             action.report('RUNNING', 'running')
             action.node.run_to(action.node.now + S)
@@ -233,7 +234,6 @@ def test_a_goal_ends_with_an_error_when_something_else_decides(reason: str) -> N
             action.node.run_to(action.node.now + S)
             text = 'Another motion replaced this goal.'
         elif reason == 'time':
-            it.until_said('joint_trajectory is accepted')
             action.node.clock.publish(Clock(clock=stamp(0)))
             text = 'Another motion replaced this goal.'
         elif reason == 'publisher':
