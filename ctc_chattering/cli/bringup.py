@@ -31,6 +31,7 @@ from ctc_chattering.cli.options import add_overrides, add_run_options, load_setu
 from ctc_chattering.cli.presentation import progress
 from ctc_chattering.errors import as_usage_error
 from ctc_chattering.launch.graph import run_graph, Stopped
+from ctc_chattering.learning.simulated_learner import check_learning
 from ctc_chattering.ros import ros_arguments
 
 
@@ -71,6 +72,7 @@ def bringup(arguments: Sequence[str]) -> int:
 
     with as_usage_error(ros.assigned):
         setup = load_setup(options, ros_arguments.bringup_values(ros))
+        check_learning(setup)
     plant = setup.plant
     with progress(f'experiment {plant.experiment}', plant.duration) as show_time:
         try:

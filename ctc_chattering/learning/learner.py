@@ -141,6 +141,7 @@ class Learner:
         #: Path time at which the present pass begins [ns], None while none is measured.
         self._begin: int | None = None
         self._samples: list[_ErrorSample] = []
+        self._is_at_bound = False
 
     @property
     def _present(self) -> Progress:
@@ -175,7 +176,8 @@ class Learner:
     @property
     def outcome(self) -> str:
         """Return in words what comes of the passes."""
-        return self.refusal or self.problem or self.state.value
+        at_bound = ', with a correction at learning_bound' if self._is_at_bound else ''
+        return self.refusal or self.problem or self.state.value + at_bound
 
     @property
     def report(self) -> str:
@@ -351,9 +353,8 @@ class Learner:
                                           for column in x.T]) for x in (correction, e))
         lead_out = 0.0 if motion.is_periodic else _LEAD_OUT_S
         rows = learning_filter.update(correction, e, interval / NANOSECONDS, lead_out)
-        excess = np.abs(rows).max(axis=0) / self._bound
-        rows = rows / np.maximum(excess, 1.0)
-        progress.rows = self._within_limits(motion, rows)
+        self._is_at_bound = bool(np.abs(rows).max() > self._bound)
+        progress.rows = self._within_limits(motion, _bounded(rows, self._bound))
 
     def _within_limits(self, motion: RepeatedMotion, rows: Array) -> Array:
         """Return a correction with the share of each joint that keeps its limits, shape (N, n)."""
@@ -384,3 +385,10 @@ class Learner:
                 shifted = CorrectedMotion(target, ConstantCorrection(offset.tolist()))
                 self.applied = Transition(self.applied, shifted, begin, _ENTRY_S)
         self.applied = Transition(self.applied, target, begin, duration)
+
+
+def _bounded(rows: Array, bound: float) -> Array:
+    """Return a correction within ±bound, smooth, and within 0.1 % itself up to half of that."""
+    excess = np.abs(rows / bound) ** 8
+    bounded: Array = rows / (1.0 + excess) ** 0.125
+    return bounded

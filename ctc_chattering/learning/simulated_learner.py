@@ -26,6 +26,7 @@ from pathlib import Path
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
 from ctc_chattering.learning.design import filter_for
 from ctc_chattering.learning.learned_file import read_correction
@@ -63,6 +64,17 @@ def make_learner(setup: Setup, robot: Plant, model: Model) -> Learner:
     start = dict(zip(setup.plant.joint_names, zip(*map(tuple, robot.measured))))
     return learner_of(setup.reference, setup.controller, setup.route, start, model,
                       setup.descriptions.get('controller', ''))
+
+
+def check_learning(setup: Setup) -> None:
+    """Raise `CtcError` where `learner_of` refuses a setup that learns."""
+    if setup.reference.learning:
+        description = setup.descriptions.get('controller', '')
+        plant = setup.plant
+        states = zip(plant.initial_position, plant.initial_velocity)
+        learner_of(setup.reference, setup.controller, setup.route,
+                   dict(zip(plant.joint_names, states)),
+                   model_of(setup.controller, description), description)
 
 
 def learner_of(reference: ReferenceConfig, controller: ControllerConfig, route: Route | None,

@@ -45,7 +45,6 @@ from ctc_chattering.learning.learned_file import read_correction
 from ctc_chattering.learning.learning_schedule import LearningSchedule
 from ctc_chattering.learning.motion import motion_of
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, period_ns
-from ctc_chattering.ros.controller_law import ControllerLaw
 from ctc_chattering.ros.controller_reports import ControllerReports, TrackingError
 from ctc_chattering.ros.loop_node import LoopNode
 from ctc_chattering.ros.messages import LATEST, read_stamp, TrajectoryWriter
@@ -99,6 +98,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         timing = period, round(config.horizon * NANOSECONDS)
         self._learning: LearningSchedule | None = None
         if config.learning:
+            from ctc_chattering.ros.controller_law import ControllerLaw  # SciPy takes time.
             self._law = ControllerLaw(
                 self, config, lambda: self._schedule.simulated, self._on_other_law)
             self._learning = LearningSchedule(self._plan, *timing, self._law.filter_of)

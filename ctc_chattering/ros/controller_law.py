@@ -42,8 +42,10 @@ from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from std_msgs.msg import String
 
-#: Parameters of the controller of which no filter depends.
+#: Parameters of the controller on which no filter depends.
 _LIMITS = {'effort_limit', 'effort_rate_limit', 'anti_windup', 'error_limit'}
+#: Parameters after whose change what was learned is still a good beginning.
+_PAYLOAD = {'payload_mass', 'payload_center'}
 
 
 class ControllerLaw:
@@ -121,9 +123,13 @@ class ControllerLaw:
 
     def _update(self, values: Mapping[str, Any], description: str) -> None:
         """Take what the law depends on, and forget the filters of another law."""
-        is_changed = self._values and (self._values, self._description) != (values, description)
+        before, described = self._values, self._description
+        if (before, described) == (values, description):
+            return
         self._values, self._description = values, description
-        if is_changed:
-            self._filters.clear()
+        self._filters.clear()
+        is_other = any(value != values.get(name) for name, value in before.items()
+                       if name not in _PAYLOAD)
+        if is_other or (described and described != description):
             self.learned_motion = ''
             self._on_change()
