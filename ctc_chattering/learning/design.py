@@ -205,8 +205,8 @@ def _linear_responses(config: ControllerConfig, masses: Sequence[Array], period:
         if all(joints_are_equal(config, np.array(lag)) for lag in lags):
             laws, masses, joints = [laws[0].one_joint()], [np.eye(1)], identity
     else:
-        others = [linear_law(config, mass, with_reference=True) for mass in masses[1:]]
-        laws = [of_first, *others]
+        laws = [of_first]
+        laws += [linear_law(config, mass, with_reference=True) for mass in masses[1:]]
     stable = []
     for lag, differenced in product(lags, (True, False)):
         of_joints = np.array(lag[:len(masses[0])])
