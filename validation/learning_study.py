@@ -1,0 +1,508 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Learning from repetition on foreign robots: error by pass, against rivals, as rows and tables.
+
+A run is a periodic motion from rest. A pass is one period of it. Between two passes the correction
+that was learned from the last one fades in. Errors are those of the true links against the motion
+that is asked for, not against a corrected one.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+import dataclasses
+import json
+from multiprocessing import get_context
+from pathlib import Path
+import time
+from typing import Any
+
+import arms_study
+from ctc_chattering.configuration.arm_knowledge import ArmFacts, ASSUMED_ROTOR
+from ctc_chattering.configuration.loop_setup import Setup
+from ctc_chattering.control.controller import Controller
+from ctc_chattering.controller.trips import TripMonitor
+from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.trajectory.reference import make_motion
+from learning_robots import (
+    Case,
+    DEVIATION,
+    draw_truth,
+    DRY_PER_EFFORT,
+    ENGINES,
+    ForeignRobot,
+    PERIOD_S,
+)
+from machine_code import compile_step
+import numpy as np
+from rigid_bodies import Array, dynamics
+import robots
+
+#: Arms that no page of the documentation uses, with their rated loads [kg].
+ARMS = {'z1': 2.0, 'baxter': 2.2}
+#: Middles of their motions [rad], where the drives hold the arm with torque to spare.
+CENTRES = {'z1': robots.arm('z1').centre, 'baxter': (0.0, 0.7, 0.0, 1.6, 0.0, 0.5, 0.0)}
+#: Period of the motion [s].
+MOTION_S = 2.0
+#: Duration of the smooth start, and of the first period that no pass counts [s].
+START_S = 3.0
+#: Duration in which a new correction fades in [s].
+FADE_S = 0.75
+#: Passes with a correction, after one without.
+PASSES = 8
+#: Pass before which a load is picked up.
+LOAD_PASS = 5
+#: Pass that is stopped.
+STOPPED_PASS = 4
+#: Duration in which the motion slows down or takes up speed again [s].
+SLOW_S = 0.3
+#: Duration of a stop [s].
+STOP_S = 0.5
+#: A run with a larger error has diverged [rad].
+DIVERGED_RAD = 1.0
+#: Largest correction of the reference [rad].
+BOUND_RAD = 0.1
+#: Largest learned torque per effort limit.
+TORQUE_BOUND = 0.5
+#: Share of the effort limits that friction and the nominal model may take.
+TORQUE_SHARE = 0.7
+#: Growth of the error over two passes from which on learning ends.
+GROWTH = 1.2
+#: Samples of a pass, and of a fade.
+N = round(MOTION_S / PERIOD_S)
+FADE = round(FADE_S / PERIOD_S)
+
+#: Circumstances by name.
+CASES = {
+    'regular': Case(),
+    'lost 2 %': Case(lost=0.02),
+    'lost 10 %': Case(lost=0.1),
+    'jitter': Case(jitter=True),
+    'load': Case(load=0.5),
+    'sticky': Case(sticky=True),
+    'stopped': Case(stopped=True),
+    'elastic 20 Hz': Case(resonance=20.0),
+    'elastic 20 Hz, encoder at the motor': Case(resonance=20.0, encoder='motor'),
+}
+#: Laws by name; `half` is `observer_feedback` at half its bandwidth.
+LAWS = ('pd_gravity', 'compensation', 'observer_feedback', 'half', 'chattering', 'slotine_li')
+#: Ways to learn.
+NOTHING, REFERENCE, TORQUE = 'nothing', 'reference', 'torque'
+
+
+@dataclasses.dataclass(frozen=True)
+class Tuning:
+    """
+    Tuning of a way to learn.
+
+    Attributes
+    ----------
+    gain : float
+        Part of an error that a pass corrects; of the law's own feedback for torques.
+    cutoff : float
+        Of the filter without delay [Hz].
+    lead : float
+        Time by which a correction is earlier than its error [s].
+    order : int
+        Of the filter.
+
+    """
+
+    gain: float = 0.5
+    cutoff: float = 20.0
+    lead: float = 0.0
+    order: int = 4
+
+
+#: Tuning by way to learn. That of torques: the law's kp and kv times the inertia, as in feedback
+#: error learning; the lead is lag, delay and half a period.
+TUNINGS = {NOTHING: Tuning(), REFERENCE: Tuning(), TORQUE: Tuning(0.5, 20.0, 4e-3)}
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """A run: what it is and how it learns."""
+
+    arm: str
+    engine: str
+    case: str
+    law: str
+    learns: str
+    seed: int
+    tuning: Tuning
+    passes: int = PASSES
+
+
+class Arm:
+    """A described arm with its limits."""
+
+    def __init__(self, name: str) -> None:
+        self.described = dataclasses.replace(robots.arm(name), centre=CENTRES[name])
+        self.effort, self.velocity = self.described.limits()
+
+
+def draw_motion(arm: Arm, centre: Array, dry_per_effort: float, rng: np.random.Generator
+                ) -> dict[str, Any]:
+    """
+    Return the parameters of a drawn motion: sinusoids whose common period is `MOTION_S`.
+
+    It is as large as the limits of velocity and torque allow, with rotors, friction and load.
+    """
+    n = arm.described.n
+    cycles = rng.integers(1, 3, n) / MOTION_S
+    amplitude = rng.uniform(0.15, 0.4, n)
+    amplitude = np.minimum(amplitude, 0.6 * arm.velocity / (2.0 * np.pi * cycles))
+    centre = centre + rng.uniform(-0.15, 0.15, n)
+    phase = rng.uniform(0.0, 2.0 * np.pi, n)
+    while not (largest_torque(arm, centre, amplitude, cycles, phase)
+               < (TORQUE_SHARE - dry_per_effort) * arm.effort).all():
+        amplitude *= 0.8
+        centre = centre + 0.2 * (np.array(arm.described.centre) - centre)
+        assert amplitude.max() > 0.02, 'the arm cannot hold itself'
+    return {'profile': 'sinusoid', 'center': centre.tolist(), 'amplitude': amplitude.tolist(),
+            'frequency': cycles.tolist(), 'phase': phase.tolist(), 'start_duration': 2.0}
+
+
+def largest_torque(arm: Arm, centre: Array, amplitude: Array, cycles: Array, phase: Array
+                   ) -> Array:
+    """Return the largest torques of a motion, shape (n,) [N·m]."""
+    omega, n = 2.0 * np.pi * cycles, arm.described.n
+    bodies, mass, bias = arm.described.bodies(), np.zeros((n, n)), np.zeros(n)
+    rotors = np.diag(ASSUMED_ROTOR * arm.effort)
+    largest = np.zeros(n)
+    for t in np.linspace(0.0, MOTION_S, 40, endpoint=False):
+        angle = omega * t + phase
+        q, dq = centre + amplitude * np.sin(angle), amplitude * omega * np.cos(angle)
+        dynamics(bodies, q, dq, mass, bias)
+        torque = (mass + rotors) @ (-omega * omega * amplitude * np.sin(angle)) + bias
+        largest = np.maximum(largest, np.abs(torque))
+    return largest
+
+
+def make_setup(task: Task, arm: Arm) -> Setup:
+    """Return the parameters of a run: gains by rule for what a user knows of the arm."""
+    case = CASES[task.case]
+    law = 'observer_feedback' if task.law == 'half' else task.law
+    facts = ArmFacts(resonance=case.resonance) if case.resonance else ArmFacts()
+    arms_study.DRY = case.dry_per_effort
+    described = arm.described
+    setup = arms_study.setups(described.urdf, described.joints, (law,), facts, False)[law]
+    motion = draw_motion(arm, np.array(described.centre), case.dry_per_effort,
+                         np.random.default_rng((task.seed, 50)))
+    setup = setup.changed({
+        'reference': motion, 'plant': {'initial_position': motion['center']}})
+    if task.law == 'chattering':
+        # The paper's. Those of the file are by the rule of `observer_feedback`.
+        setup = setup.changed({'controller': {'kp': 100.0, 'kv': 50.0}})
+    if task.law == 'half':
+        c = setup.controller
+        setup = setup.changed({'controller': {
+            'kp': [x / 4.0 for x in c.kp], 'kv': [x / 2.0 for x in c.kv],
+            'estimator_bandwidth': c.estimator_bandwidth / 2.0}})
+    return setup
+
+
+class Course:
+    """
+    The motion that is asked for, with its passes.
+
+    Attributes
+    ----------
+    first, last : ndarray of int, shape (passes + 1,)
+        Samples of each pass; after the last one comes a fade.
+    index, rate, acceleration : ndarray, shape (count,)
+        Position along the motion [samples], its rate, and the change of the rate [1/s].
+    asked : ndarray, shape (count, 3, n)
+        The motion that is asked for.
+    period : ndarray, shape (N, 3, n)
+        One period of it.
+
+    """
+
+    def __init__(self, setup: Setup, case: Case, passes: int, ahead: int) -> None:
+        lengths = np.full(passes + 1, N)
+        rate = np.ones(round(START_S / PERIOD_S) + (passes + 2) * (N + FADE) + N)
+        start = round(START_S / PERIOD_S)
+        first = start + (N + FADE) * np.arange(passes + 1)
+        if case.stopped and passes >= STOPPED_PASS:
+            slow, stop = round(SLOW_S / PERIOD_S), round(STOP_S / PERIOD_S)
+            s = (np.arange(slow) + 0.5) / slow
+            fall = 1.0 - s ** 3 * (10.0 - 15.0 * s + 6.0 * s * s)
+            dip = np.concatenate((fall, np.zeros(stop), fall[::-1]))
+            at = first[STOPPED_PASS] + N // 2
+            rate[at:at + len(dip)] = dip
+            longer = stop + slow
+            lengths[STOPPED_PASS] += longer
+            first[STOPPED_PASS + 1:] += longer
+        self.first, self.last = first, first + lengths
+        self.count = int(self.last[-1]) + FADE
+        total = self.count + ahead + 1
+        self.rate = rate[:total]
+        self.index = np.concatenate(([0.0], np.cumsum(self.rate)[:-1]))
+        self.acceleration = np.gradient(self.rate, PERIOD_S)
+        plant = setup.plant
+        initial = dict(zip(plant.joint_names, zip(plant.initial_position, plant.initial_velocity)))
+        motion = make_motion(setup.reference, None, initial)
+        h = round(1e9 * PERIOD_S)
+        beginning = np.array([motion.at(k * h) for k in range(start)])
+        self.period = np.array([motion.at(k * h) for k in range(2 * N, 3 * N)])
+        self.asked = np.concatenate((beginning, self.sample(self.period, start, total)))
+
+    def sample(self, period: Array, first: int, last: int) -> Array:
+        """Return samples of a periodic motion, shape (N, 3, n), along the course."""
+        s = self.index[first:last]
+        k = np.floor(s + 1e-6).astype(int)
+        part = np.maximum(s - k, 0.0)[:, None, None]
+        q, dq, ddq = np.moveaxis(
+            (1.0 - part) * period[k % N] + part * period[(k + 1) % N], 1, 0)
+        rate, change = self.rate[first:last, None], self.acceleration[first:last, None]
+        return np.stack((q, rate * dq, rate * rate * ddq + change * dq), axis=1)
+
+
+def filtered(x: Array, tuning: Tuning, gain: Any = 1.0) -> Array:
+    """Return periodic samples, shape (N, n), through the filter without delay, and a factor."""
+    f = np.fft.rfftfreq(N, PERIOD_S)
+    q = gain / (1.0 + (f / tuning.cutoff) ** (2 * tuning.order))
+    y: Array = np.fft.irfft(q[:, None] * np.fft.rfft(x, axis=0), N, axis=0)
+    return y
+
+
+def derivatives(x: Array) -> Array:
+    """Return periodic samples, shape (N, n), with two derivatives, shape (N, 3, n)."""
+    s = 2j * np.pi * np.fft.rfftfreq(N, PERIOD_S)[:, None]
+    spectrum = np.fft.rfft(x, axis=0)
+    return np.stack([np.fft.irfft(s ** k * spectrum, N, axis=0) for k in range(3)], axis=1)
+
+
+def led(lead: float) -> Array:
+    """Return the factors that move periodic samples to an earlier time."""
+    factors: Array = np.exp(2j * np.pi * np.fft.rfftfreq(N, PERIOD_S) * lead)
+    return factors
+
+
+class Learner:
+    """
+    What is added, learned from the errors of passes.
+
+    Attributes
+    ----------
+    added : ndarray, shape (N, n)
+        To the reference [rad] or the torque [N·m] in each sample of a period.
+
+    """
+
+    def __init__(self, task: Task, setup: Setup, arm: Arm, course: Course) -> None:
+        n = arm.described.n
+        self.way, self.tuning = task.learns, task.tuning
+        self.added = self.best = np.zeros((N, n))
+        self.errors: list[float] = []
+        self.frozen = False
+        mass, bias = np.zeros((n, n)), np.zeros(n)
+        dynamics(arm.described.bodies(), np.array(arm.described.centre), np.zeros(n), mass, bias)
+        mass += np.diag(setup.controller.rotor_inertia)
+        alone = 1.0 / np.diagonal(np.linalg.inv(mass))
+        self.kp, self.kd = (alone * x for x in (
+            np.array(setup.controller.kp), np.array(setup.controller.kv)))
+        self.bound = BOUND_RAD * np.ones(n) if self.way == REFERENCE else (
+            TORQUE_BOUND * arm.effort)
+
+    def learn(self, error: Array) -> None:
+        """Take the errors of a pass, shape (N, n) [rad]."""
+        if self.way == NOTHING or self.frozen:
+            return
+        size = float(np.sqrt(np.square(error).mean(axis=0)).max())
+        if not self.errors or size < min(self.errors):
+            self.best = self.added
+        self.errors.append(size)
+        last = self.errors[-3:]
+        if len(last) == 3 and last == sorted(last) and last[2] > GROWTH * last[0]:
+            self.frozen, self.added = True, self.best
+            return
+        if self.way == TORQUE:
+            e, de, _ = np.moveaxis(derivatives(filtered(error, self.tuning)), 1, 0)
+            error = self.kp * e + self.kd * de
+        step = filtered(error, self.tuning, self.tuning.gain * led(self.tuning.lead))
+        added = filtered(self.added, self.tuning) + step
+        self.added = np.clip(added, -self.bound, self.bound)
+
+
+def run(task: Task) -> dict[str, Any]:
+    """Return what happens, as a row."""
+    began = time.process_time()
+    arm, case = Arm(task.arm), CASES[task.case]
+    setup = make_setup(task, arm)
+    delay = setup.controller.input_delay
+    course = Course(setup, case, task.passes, delay)
+    rng = np.random.default_rng((task.seed, list(ARMS).index(task.arm), 53))
+    truth = draw_truth(case, arm.effort, arm.velocity, rng)
+    start = course.asked[0, 0]
+    engine = ENGINES[task.engine](arm.described, arm.effort, truth, case, start, task.seed)
+    robot = ForeignRobot(engine, case, course.count, task.seed)
+    law = Controller(setup.controller, model_of(setup.controller, arm.described.urdf))
+    compile_step(law)
+    learner = Learner(task, setup, arm, course)
+    end, trip = closed_loop(robot, law, course, learner, case, ARMS[task.arm])
+    row = dataclasses.asdict(task) | {
+        'end': end, 'trip': trip, 'frozen': learner.frozen, **scores(robot, course),
+        'seconds': round(time.process_time() - began, 1)}
+    return row
+
+
+def closed_loop(robot: ForeignRobot, law: Controller, course: Course, learner: Learner,
+                case: Case, rated: float) -> tuple[str, str]:
+    """Run all passes; return why it ended early, and the first trip."""
+    n, delay = robot.n, law.config.input_delay
+    monitor, trip = TripMonitor(law.config.joint_names, robot.period_ns), ''
+    table = course.asked.copy()
+    torque = np.zeros((len(table), n))
+    held: Sequence[float] = [0.0] * n
+    instants: list[float] = []
+    errors: list[Array] = []
+    done = 0
+    for k in range(course.count):
+        if done < len(course.first) and k == course.last[done]:
+            if not (case.stopped and done == STOPPED_PASS):
+                before = learner.added
+                learner.learn(_on_grid(instants, errors, course, done))
+                _take(course, learner, before, k, table, torque)
+            else:
+                _take(course, learner, learner.added, k, table, torque)
+            done += 1
+            instants, errors = [], []
+            if case.load and done == LOAD_PASS:
+                robot.pick(case.load * rated)
+        if not robot.lost:
+            q, dq = (x.tolist() for x in robot.measured)
+            points = table[k:k + delay + 1].tolist()
+            sample = law.try_step(q, dq, *points[0], points[1:], robot.stamp,
+                                  k * robot.period_ns)
+            if sample is None:
+                return f'no finite torque at {k * PERIOD_S:.2f} s', trip
+            trip = trip or str(monitor.check(law, sample) or '')
+            held = sample.tau
+            if k >= course.first[min(done, len(course.first) - 1)]:
+                s = robot.offset
+                instants.append(k + s / PERIOD_S)
+                asked = course.asked[k]
+                errors.append(asked[0] + s * asked[1] - q)
+        robot.feedforward = torque[k]
+        robot.step(held)
+        error = np.abs(course.asked[k + 1, 0] - robot.truth[-1]).max()
+        if not error < DIVERGED_RAD:
+            return f'diverged at {k * PERIOD_S:.2f} s', trip
+    return '', trip
+
+
+def _on_grid(instants: Sequence[float], errors: Sequence[Array], course: Course, done: int
+             ) -> Array:
+    """Return the errors of a pass in each sample of a period, shape (N, n)."""
+    at = np.array(instants) - course.first[done] + course.index[course.first[done]]
+    columns = np.array(errors).T
+    grid = np.arange(N)
+    return np.column_stack([np.interp(grid, at % N, x, period=N) for x in columns])
+
+
+def _take(course: Course, learner: Learner, before: Array, k: int, table: Array, torque: Array
+          ) -> None:
+    """Fade from what was added to what is added, from sample k on until the next pass ends."""
+    s = np.clip(np.arange(len(table) - k) / FADE, 0.0, 1.0)[:, None]
+    if learner.way == TORQUE:
+        index = np.rint(course.index[k:]).astype(int) % N
+        w = s * s * (3.0 - 2.0 * s)
+        torque[k:] = before[index] + w * (learner.added - before)[index]
+        return
+    if learner.way != REFERENCE:
+        return
+    fade = FADE * PERIOD_S
+    w = s ** 3 * (10.0 - 15.0 * s + 6.0 * s * s)
+    dw = 30.0 * s ** 2 * (1.0 - s) ** 2 / fade
+    ddw = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / fade ** 2
+    old = course.sample(derivatives(before), k, len(table))
+    q, dq, ddq = np.moveaxis(
+        course.sample(derivatives(learner.added - before), k, len(table)), 1, 0)
+    new = np.stack((w * q, w * dq + dw * q, w * ddq + 2.0 * dw * dq + ddw * q), axis=1)
+    table[k:] = course.asked[k:] + old + new
+
+
+def scores(robot: ForeignRobot, course: Course) -> dict[str, Any]:
+    """Return RMS error of each joint [rad] and torque variation [N·m/s] by pass."""
+    truth, commands = np.array(robot.truth), np.array(robot.commands)
+    rms, variation = [], []
+    off = PERIOD_S * 0.25 * robot.off[:, None]
+    for first, last in zip(course.first, course.last):
+        if last > len(commands):
+            break
+        asked = course.asked[first:last]
+        error = asked[:, 0] + off[first:last] * asked[:, 1] - truth[first:last]
+        rms.append(np.sqrt(np.square(error).mean(axis=0)).tolist())
+        change = np.abs(np.diff(commands[first:last], axis=0)).sum()
+        variation.append(float(change / ((last - first) * PERIOD_S)))
+    return {'rms': rms, 'variation': variation}
+
+
+def tasks(options: argparse.Namespace) -> Iterator[Task]:
+    """Yield the runs of a study."""
+    for seed in range(options.first, options.first + options.seeds):
+        for k, arm in enumerate(options.arms):
+            for j, engine in enumerate(options.engines):
+                if options.alternate and (k + j + seed) % 2:
+                    continue
+                for case in options.cases:
+                    for law in options.laws:
+                        for way in options.ways:
+                            few = way == NOTHING and not CASES[case].load and law != 'slotine_li'
+                            yield Task(arm, engine, case, law, way, seed, TUNINGS[way],
+                                       1 if few else options.passes)
+
+
+def line(row: dict[str, Any]) -> str:
+    """Return a row as text: the worst joint by pass."""
+    errors = ' '.join(f'{max(x):.1e}' for x in row['rms'])
+    variation = row['variation'] or [np.nan]
+    return (f"{row['arm']:6s} {row['engine'][:4]} {row['case']:14.14s} {row['law']:17s} "
+            f"{row['learns']:9s} {errors} | {variation[0]:.0f} -> {variation[-1]:.0f} "
+            f"{row['end']} {row['trip'][:40]} {'frozen' if row['frozen'] else ''} "
+            f"{row['seconds']} s")
+
+
+def main() -> None:
+    """Run the study, and write and print its rows."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--arms', nargs='*', default=list(ARMS))
+    parser.add_argument('--engines', nargs='*', default=list(ENGINES))
+    parser.add_argument('--cases', nargs='*', default=list(CASES))
+    parser.add_argument('--laws', nargs='*', default=list(LAWS))
+    parser.add_argument('--ways', nargs='*', default=[NOTHING, REFERENCE, TORQUE])
+    parser.add_argument('--seeds', type=int, default=1)
+    parser.add_argument('--first', type=int, default=5100)
+    parser.add_argument('--passes', type=int, default=PASSES)
+    parser.add_argument('--jobs', type=int, default=1)
+    parser.add_argument('--all', dest='alternate', action='store_false',
+                        help='run every arm on every engine, not each on one of them by seed')
+    parser.add_argument('--tuning', type=json.loads, default={},
+                        help='of the correction of the reference, as JSON')
+    parser.add_argument('--rows', type=Path, default=Path('learning.jsonl'))
+    options = parser.parse_args()
+    TUNINGS[REFERENCE] = dataclasses.replace(TUNINGS[REFERENCE], **options.tuning)
+    with get_context('spawn').Pool(options.jobs) as pool, options.rows.open('a') as file:
+        for row in pool.imap(run, list(tasks(options))):
+            print(line(row), flush=True)
+            file.write(json.dumps(row) + '\n')
+            file.flush()
+
+
+if __name__ == '__main__':
+    main()
