@@ -273,6 +273,8 @@ class ForeignRobot:
 
     Attributes
     ----------
+    off : ndarray of int, shape (count + 1,)
+        From the samples to their states [steps of the physics].
     truth : list of ndarray, shape (n,)
         True positions of the links at the instants of all states so far [rad].
     commands : list of ndarray, shape (n,)
@@ -286,15 +288,16 @@ class ForeignRobot:
     period_ns = round(1e9 * PERIOD_S)
 
     def __init__(self, engine: Engine, case: Case, count: int, seed: int) -> None:
-        rng = np.random.default_rng((seed, 52))
         self._engine = engine
         self._measures_motor = case.resonance > 0.0 and case.encoder == 'motor'
         self.last = count - 1
-        self.off = rng.integers(-1, 2, count + 1) * case.jitter
+        offsets, losses = (np.random.default_rng((seed, k)) for k in (52, 54))
+        self.off = offsets.integers(-1, 2, count + 1) * case.jitter
         self.off[0] = 0
-        self._losses = rng.random(count + 1) < case.lost
+        self._losses = losses.random(count + 1) < case.lost
         self._losses[0] = False
         self._lost_in_a_row = 0
+        self._loads: dict[int, float] = {}
         self.k = 0
         self.truth: list[Array] = []
         self.commands: list[Array] = []
@@ -343,12 +346,14 @@ class ForeignRobot:
         """Take no change: an engine has no parameters of the package."""
         raise NotImplementedError
 
-    def pick(self, mass: float) -> None:
-        """Pick up a load [kg]."""
-        self._engine.pick(mass)
+    def pick_at(self, k: int, mass: float) -> None:
+        """Have a load [kg] picked up at a sample."""
+        self._loads[k] = mass
 
     def step(self, tau: Any) -> None:
         """Receive a torque [N·m], and go on to the next state."""
+        if self.k in self._loads:
+            self._engine.pick(self._loads[self.k])
         command = np.array(tau, float) + self.feedforward
         self.commands.append(command)
         steps = STEPS + int(self.off[self.k + 1] - self.off[self.k])

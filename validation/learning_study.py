@@ -36,6 +36,12 @@ from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.controller.trips import TripMonitor
 from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.errors import CtcError
+from ctc_chattering.learning.design import filter_for
+from ctc_chattering.learning.simulated_learner import make_learner
+import ctc_chattering.simulation.closed_loop as closed_loop_module
+from ctc_chattering.simulation.closed_loop import LearnedTable, run_closed_loop
+from ctc_chattering.trajectory.path_clock import PathClock, PathTime
 from ctc_chattering.trajectory.reference import make_motion
 from learning_robots import (
     Case,
@@ -99,8 +105,8 @@ CASES = {
 }
 #: Laws by name; `half` is `observer_feedback` at half its bandwidth.
 LAWS = ('pd_gravity', 'compensation', 'observer_feedback', 'half', 'chattering', 'slotine_li')
-#: Ways to learn.
-NOTHING, REFERENCE, TORQUE = 'nothing', 'reference', 'torque'
+#: Ways to learn: not at all; by the package; the reference or the torque by plain iterations.
+NOTHING, PACKAGE, REFERENCE, TORQUE = 'nothing', 'package', 'reference', 'torque'
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,7 +135,7 @@ class Tuning:
 
 #: Tuning by way to learn. That of torques: the law's kp and kv times the inertia, as in feedback
 #: error learning; the lead is lag, delay and half a period.
-TUNINGS = {NOTHING: Tuning(), REFERENCE: Tuning(), TORQUE: Tuning(0.5, 20.0, 4e-3)}
+TUNINGS = {NOTHING: Tuning(), PACKAGE: Tuning(0.7, 0.0), REFERENCE: Tuning(), TORQUE: Tuning(0.5, 20.0, 4e-3)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -351,18 +357,100 @@ def run(task: Task) -> dict[str, Any]:
     start = course.asked[0, 0]
     engine = ENGINES[task.engine](arm.described, arm.effort, truth, case, start, task.seed)
     robot = ForeignRobot(engine, case, course.count, task.seed)
+    if case.load and task.passes >= LOAD_PASS:
+        robot.pick_at(int(course.last[LOAD_PASS - 1]), case.load * ARMS[task.arm])
     law = Controller(setup.controller, model_of(setup.controller, arm.described.urdf))
     compile_step(law)
+    if task.learns == PACKAGE:
+        outcome = by_package(task, setup, robot, course, law)
+    else:
+        outcome = by_hand(task, setup, robot, course, law, arm)
+    return dataclasses.asdict(task) | outcome | {
+        **scores(robot, course), 'seconds': round(time.process_time() - began, 1)}
+
+
+def by_hand(task: Task, setup: Setup, robot: ForeignRobot, course: Course, law: Controller,
+            arm: Arm) -> dict[str, Any]:
+    """Run the loop with a way to learn that is written here."""
     learner = Learner(task, setup, arm, course)
-    end, trip = closed_loop(robot, law, course, learner, case, ARMS[task.arm])
-    row = dataclasses.asdict(task) | {
-        'end': end, 'trip': trip, 'frozen': learner.frozen, **scores(robot, course),
-        'seconds': round(time.process_time() - began, 1)}
-    return row
+    end, trip = closed_loop(robot, law, course, learner, CASES[task.case])
+    return {'end': end, 'trip': trip, 'frozen': learner.frozen}
+
+
+class StopClock:
+    """Path time with a stop, in the place of `PathClock`."""
+
+    t0 = 0
+
+    def __init__(self, course: Course) -> None:
+        """Make the stop of a course."""
+        begin = int(course.first[STOPPED_PASS] + N // 2) * 1_000_000
+        self.stop = PathClock().slew(begin, 0.0, SLOW_S)
+        self.go_on = self.stop.slew(begin + round(1e9 * (SLOW_S + STOP_S)), 1.0, SLOW_S)
+
+    def at(self, t: int) -> PathTime:
+        """Return the path time at t [ns]."""
+        return (self.stop if t < self.go_on.t0 else self.go_on).at(t)
+
+
+class StoppedTable(LearnedTable):
+    """A motion that is stopped, and goes on, as by the services of the reference node."""
+
+    stop: StopClock
+    is_interrupted = False
+
+    def _fill(self) -> None:
+        self._clock = self.stop  # type: ignore[assignment]
+        super()._fill()
+
+    def _report(self, stamp: int, e: Array) -> None:
+        if stamp >= self.stop.stop.t0 and not self.is_interrupted:
+            self.is_interrupted = True
+            self._learner.interrupt(self.stop.at(self.stop.go_on.end).instant)
+        super()._report(stamp, e)
+
+
+def by_package(task: Task, setup: Setup, robot: ForeignRobot, course: Course, law: Controller
+               ) -> dict[str, Any]:
+    """Run the loop of the package, which learns."""
+    values = {'learning': True, 'learning_gain': task.tuning.gain,
+              'learning_cutoff': task.tuning.cutoff}
+    setup = setup.changed({
+        'plant': {'duration': robot.last * PERIOD_S}, 'reference': values,
+        'controller': {'error_limit': DIVERGED_RAD}})
+    try:
+        learner = make_learner(setup, robot, law.model)
+        designed = filter_for(learner._motion, setup.reference, setup.controller, law.model)
+        table = LearnedTable
+        if CASES[task.case].stopped:
+            table = type('Table', (StoppedTable,), {'stop': StopClock(course)})
+        closed_loop_module.LearnedTable = table
+        run_closed_loop(setup.plant, setup.controller, setup.reference, robot=robot,
+                        model=law.model, learner=learner)
+    except CtcError as error:
+        end = str(error)
+        if 'designed' not in locals():
+            return {'end': end, 'trip': '', 'frozen': False, 'cutoff': 0.0}
+    else:
+        end = ''
+    finally:
+        closed_loop_module.LearnedTable = LearnedTable
+    windows = [(p.begin, p.end) for p in learner.passes]
+    if CASES[task.case].stopped:
+        later = round(1e9 * (STOP_S + SLOW_S))
+        at = course.index[course.first[STOPPED_PASS]] * 1e6
+        windows = [w if w[0] < at else (w[0] + later, w[1] + later) for w in windows]
+        windows.insert(STOPPED_PASS, (course.first[STOPPED_PASS] * 10 ** 6,
+                                      course.last[STOPPED_PASS] * 10 ** 6))
+    if windows:
+        course.first, course.last = np.rint(np.array(windows) / 1e6).astype(int).T
+    return {'end': end, 'trip': '', 'frozen': learner.state.name == 'STOPPED',
+            'cutoff': designed.cutoff, 'contraction': designed.contraction,
+            'problem': learner.problem}
 
 
 def closed_loop(robot: ForeignRobot, law: Controller, course: Course, learner: Learner,
-                case: Case, rated: float) -> tuple[str, str]:
+                case: Case) -> tuple[str, str]:
     """Run all passes; return why it ended early, and the first trip."""
     n, delay = robot.n, law.config.input_delay
     monitor, trip = TripMonitor(law.config.joint_names, robot.period_ns), ''
@@ -382,8 +470,6 @@ def closed_loop(robot: ForeignRobot, law: Controller, course: Course, learner: L
                 _take(course, learner, learner.added, k, table, torque)
             done += 1
             instants, errors = [], []
-            if case.load and done == LOAD_PASS:
-                robot.pick(case.load * rated)
         if not robot.lost:
             q, dq = (x.tolist() for x in robot.measured)
             points = table[k:k + delay + 1].tolist()
@@ -475,7 +561,91 @@ def line(row: dict[str, Any]) -> str:
     return (f"{row['arm']:6s} {row['engine'][:4]} {row['case']:14.14s} {row['law']:17s} "
             f"{row['learns']:9s} {errors} | {variation[0]:.0f} -> {variation[-1]:.0f} "
             f"{row['end']} {row['trip'][:40]} {'frozen' if row['frozen'] else ''} "
+            f"{row.get('cutoff', 0.0):.1f} Hz "
             f"{row['seconds']} s")
+
+
+def worst(rms: Sequence[float]) -> float:
+    """Return the error of the worst joint [rad]."""
+    return max(rms)
+
+
+class Comparison:
+    """
+    Rows of the same robot, motion and law, with and without learning.
+
+    Attributes
+    ----------
+    without : float
+        Error of the last pass without learning [rad], inf if the run did not last.
+    by_way : dict
+        Row of each way to learn.
+
+    """
+
+    def __init__(self, rows: Sequence[dict[str, Any]]) -> None:
+        self.by_way = {row['learns']: row for row in rows}
+        self.without = self.final(NOTHING)
+
+    def final(self, way: str) -> float:
+        """Return the error of the last pass [rad]; inf if the run did not last, NaN if none."""
+        row = self.by_way.get(way)
+        if row is None:
+            return np.nan
+        return np.inf if row['end'] or not row['rms'] else worst(row['rms'][-1])
+
+    def gain(self, way: str) -> float:
+        """Return by what factor the last error is smaller than without."""
+        return self.without / self.final(way)
+
+    def variation(self, way: str, at: int) -> float:
+        """Return the torque variation of a pass [N·m/s], NaN if there is none."""
+        row = self.by_way.get(way)
+        return row['variation'][at] if row and row['variation'] else np.nan
+
+
+def compared(rows: Sequence[dict[str, Any]]) -> dict[tuple[Any, ...], Comparison]:
+    """Return comparisons by arm, engine, seed, case and law; of equal rows the last counts."""
+    groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    for row in rows:
+        key = tuple(row[x] for x in ('arm', 'engine', 'seed', 'case', 'law'))
+        groups.setdefault(key, []).append(row)
+    return {key: Comparison(group) for key, group in groups.items()}
+
+
+def tables(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """Yield lines of Markdown: each comparison, then medians and worst."""
+    comparisons = compared(rows)
+    slotine = {key[:4]: c.without for key, c in comparisons.items() if key[4] == 'slotine_li'}
+    ways = [way for way in (PACKAGE, REFERENCE, TORQUE) if any(r['learns'] == way for r in rows)]
+    yield ('| arm | engine | case | law | without | '
+           + ' | '.join(f'{way}, after passes 1, 2, 4, 8 | factor' for way in ways)
+           + ' | slotine_li without | variation without | '
+           + ' | '.join(f'with {way}' for way in ways) + ' |')
+    yield '|---' * (7 + 3 * len(ways)) + '|'
+    for key, c in comparisons.items():
+        cells = [key[0], key[1], key[3], key[4], f'{c.without:.1e}']
+        for way in ways:
+            errors = [worst(x) for x in c.by_way.get(way, {'rms': ()})['rms']]
+            end = c.by_way[way]['end'] if way in c.by_way else ''
+            shown = ' '.join(f'{errors[k]:.1e}' for k in (1, 2, 4, 8) if k < len(errors))
+            cells += [end[:60] or shown, f'{c.gain(way):.3g}']
+        cells.append(f'{slotine.get(key[:4], np.nan):.1e}')
+        cells += [f'{c.variation(NOTHING, -1):.0f}',
+                  *(f'{c.variation(way, -1):.0f}' for way in ways)]
+        yield f'| {" | ".join(cells)} |'
+    yield ''
+    yield '| law | way | runs | median factor | least factor, where | below 1 / 1.1 |'
+    yield '|---|---|---|---|---|---|'
+    for law in dict.fromkeys(key[4] for key in comparisons):
+        for way in ways:
+            gains = {key: c.gain(way) for key, c in comparisons.items()
+                     if key[4] == law and np.isfinite(c.without) and way in c.by_way}
+            if gains:
+                least = min(gains, key=lambda key: gains[key])
+                worse = sum(x < 1.0 / 1.1 for x in gains.values())
+                yield (f'| {law} | {way} | {len(gains)} | {np.median(list(gains.values())):.3g} '
+                       f'| {gains[least]:.3g}, {" ".join(map(str, least[:4]))} | {worse} |')
 
 
 def main() -> None:
@@ -485,7 +655,7 @@ def main() -> None:
     parser.add_argument('--engines', nargs='*', default=list(ENGINES))
     parser.add_argument('--cases', nargs='*', default=list(CASES))
     parser.add_argument('--laws', nargs='*', default=list(LAWS))
-    parser.add_argument('--ways', nargs='*', default=[NOTHING, REFERENCE, TORQUE])
+    parser.add_argument('--ways', nargs='*', default=[NOTHING, PACKAGE, TORQUE])
     parser.add_argument('--seeds', type=int, default=1)
     parser.add_argument('--first', type=int, default=5100)
     parser.add_argument('--passes', type=int, default=PASSES)
@@ -495,7 +665,17 @@ def main() -> None:
     parser.add_argument('--tuning', type=json.loads, default={},
                         help='of the correction of the reference, as JSON')
     parser.add_argument('--rows', type=Path, default=Path('learning.jsonl'))
+    parser.add_argument('--quick', action='store_true', help='few circumstances and laws')
+    parser.add_argument('--tables', type=Path, nargs='*',
+                        help='print the tables of these rows instead')
     options = parser.parse_args()
+    if options.tables:
+        lines = [x for path in options.tables for x in path.read_text().splitlines()]
+        print(*tables([json.loads(x) for x in lines]), sep='\n')
+        return
+    if options.quick:
+        options.cases = ['regular', 'lost 10 %', 'load']
+        options.laws = ['pd_gravity', 'half', 'slotine_li']
     TUNINGS[REFERENCE] = dataclasses.replace(TUNINGS[REFERENCE], **options.tuning)
     with get_context('spawn').Pool(options.jobs) as pool, options.rows.open('a') as file:
         for row in pool.imap(run, list(tasks(options))):
