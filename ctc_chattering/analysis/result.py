@@ -48,6 +48,8 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, shorten
+from ctc_chattering.learning.learner import Learner
+from ctc_chattering.learning.simulated_learner import make_learner
 from ctc_chattering.number_format import format_numbers
 from ctc_chattering.numerics.time_grid import missing
 from ctc_chattering.output_files import write_json
@@ -120,6 +122,8 @@ class Result(_RunArrays):
     off_reference : (float, float), optional
         For a bag, the first and last time at which the controller did not follow the reference
         [s].
+    learner : Learner, optional
+        For a simulation that learns, its passes and its correction.
 
     Examples
     --------
@@ -145,6 +149,7 @@ class Result(_RunArrays):
     replay: Replay | None = None
     topics: Mapping[str, str] = dataclasses.field(default_factory=dict)
     off_reference: tuple[float, float] | None = None
+    learner: Learner | None = None
 
     def __post_init__(self) -> None:
         """Choose a window that the run has."""
@@ -493,6 +498,9 @@ def simulate(
 
     """
     description = setup.descriptions.get('controller', '')
+    robot = robot or make_plant(setup.plant, setup.descriptions.get('plant', ''))
+    model = model or model_of(setup.controller, description)
+    learner = make_learner(setup, robot, model) if setup.reference.learning else None
     run = run_closed_loop(
         setup.plant,
         setup.controller,
@@ -501,14 +509,16 @@ def simulate(
         progress,
         truth,
         route=setup.route,
-        robot=robot or make_plant(setup.plant, setup.descriptions.get('plant', '')),
-        model=model or model_of(setup.controller, description),
+        robot=robot,
+        model=model,
+        learner=learner,
     )
     configs = [(0.0, setup.controller)]
     for event in setup.events:
         if event.node == 'controller':
             configs.append((event.time, configs[-1][1].changed(event.values)))
-    return Result(setup.plant.experiment, configs, run, description=description)
+    return Result(setup.plant.experiment, configs, run, description=description,
+                  learner=learner)
 
 
 def write_metrics(results: Sequence[Result], path: Path) -> None:

@@ -88,9 +88,6 @@ class ControllerNodeConfig(NodeConfig, ControllerConfig):
         'reference after 0.1 s without a torque; 0 for no return motion.', 's')
     enabled: bool = parameter(
         True, 'Send torques from the start. The service ~/enable changes it.', read_only=True)
-    state_decimation: int = parameter(
-        10, 'Decimation of the topics under ~/, which carry every Nth sample. Plots of a bag '
-        'recompute all samples.', minimum=1)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -131,6 +131,9 @@ class ControllerConfig(RobotConfig):
     error_limit: PerJoint = parameter(
         inf, 'Position error above which no torque is sent until ~/reset; .inf for no limit. Law '
         'observer_feedback then still stops after a growth by 1 rad.', 'rad', minimum=LEAST)
+    state_decimation: int = parameter(
+        10, 'Decimation of the topics under ~/, which carry every Nth sample. Plots of a bag '
+        'recompute all samples.', minimum=1)
 
     def validate(self) -> None:
         """Check what `RobotConfig` checks, and that the model can carry a payload."""

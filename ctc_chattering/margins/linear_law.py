@@ -23,7 +23,9 @@ A `Controller` runs with a model of constant M̂, without C and G, in a steady m
 friction has one sign there, and nothing is at rest. Central differences of its step give, for
 deviations of its whole memory::
 
-    x⁺ = A x + B y,     τ = C x + D y,     y = (q, dq)                                    (LL1)
+    x⁺ = A x + B y + E r,     τ = C x + D y + F r,     y = (q, dq)                        (LL1)
+
+r are deviations of the reference, q_d, dq_d and ddq_d at the sample and at those of the delay.
 
 Differences of two sizes must agree, which they do not for a law that is not linear there. States
 that y does not reach, or that do not reach τ, are left out.
@@ -66,6 +68,10 @@ class LinearLaw(NamedTuple):
     C: Array
     #: Shape (n, 2 n).
     D: Array
+    #: Shape (m, 3 n (1 + delay)), or (m, 0) where the reference is left out.
+    E: Array
+    #: Shape (n, 3 n (1 + delay)), or (n, 0).
+    F: Array
 
     def response(self) -> Array:
         """Sum the torques in ten samples after y."""
@@ -78,13 +84,18 @@ class LinearLaw(NamedTuple):
 
     def one_joint(self) -> LinearLaw:
         """Return the first of joints that are independent and equal."""
-        columns = np.array([0, len(self.D)])
+        n = len(self.D)
+        columns = np.array([0, n])
+        of_reference = np.arange(0, self.F.shape[1], n)
         whole = LinearLaw(
             self.A,
             self.B[:, columns],
             self.C[:1],
-            self.D[:1, columns])
-        return whole.only(_reach(whole.A, whole.B))
+            self.D[:1, columns],
+            self.E[:, of_reference],
+            self.F[:1, of_reference])
+        inputs = np.hstack([whole.B, whole.E])
+        return whole.only(_reach(whole.A, inputs))
 
     def only(self, states: Flags) -> LinearLaw:
         """Return the system of some of its states."""
@@ -92,7 +103,8 @@ class LinearLaw(NamedTuple):
         return self._replace(
             A=self.A[of_states],
             B=self.B[states],
-            C=self.C[:, states])
+            C=self.C[:, states],
+            E=self.E[states])
 
 
 def _reach(A: Array, B: Array) -> Flags:
@@ -135,7 +147,7 @@ class Frozen(Model):
         return 0.0
 
 
-def linear_law(config: ControllerConfig, mass: Array) -> LinearLaw:
+def linear_law(config: ControllerConfig, mass: Array, with_reference: bool = False) -> LinearLaw:
     """
     Return the law of a configuration as a linear system.
 
@@ -146,6 +158,8 @@ def linear_law(config: ControllerConfig, mass: Array) -> LinearLaw:
         learned is not linear but bounded by Ka, and is left out.
     mass : array, shape (n, n)
         M̂ of the controller [kg·m²].
+    with_reference : bool
+        Whether the reference is an input as well.
 
     Raises
     ------
@@ -153,7 +167,7 @@ def linear_law(config: ControllerConfig, mass: Array) -> LinearLaw:
         If the law is not linear near a steady motion.
 
     """
-    motion = _SteadyMotion(_without_limits(config), mass)
+    motion = _SteadyMotion(_without_limits(config), mass, with_reference)
     scale = motion.sensitivity()
     change = motion.differences(_DIFFERENCE, scale)
     larger = motion.differences(_LARGER_DIFFERENCE, scale)
@@ -163,7 +177,24 @@ def linear_law(config: ControllerConfig, mass: Array) -> LinearLaw:
         name = f'{config.law} {config.switching_in_force}'.strip()
         raise CtcError(
             f'law {name} is not linear near a steady motion; its stability is not computed')
-    return _minimal(change, scale, motion.states)
+    return _minimal(change, scale, motion.states, 2 * len(mass))
+
+
+def is_proportional(law: LinearLaw, of_identity: LinearLaw, mass: Array) -> bool:
+    """
+    Return whether the torque of a law is proportional to M̂.
+
+    Parameters
+    ----------
+    law, of_identity : LinearLaw
+        With M̂ = `mass`, and with M̂ = I.
+    mass : array, shape (n, n)
+        M̂ [kg·m²].
+
+    """
+    response = law.response()
+    difference = np.abs(mass @ of_identity.response() - response).max()
+    return bool(difference <= 1e-3 * np.abs(response).max())
 
 
 def _without_limits(config: ControllerConfig) -> ControllerConfig:
@@ -186,7 +217,7 @@ def _without_limits(config: ControllerConfig) -> ControllerConfig:
 class _SteadyMotion:
     """The control step in the motion, over its memory."""
 
-    def __init__(self, config: ControllerConfig, mass: Array) -> None:
+    def __init__(self, config: ControllerConfig, mass: Array, with_reference: bool) -> None:
         controller = Controller(config, Frozen(mass))
         self._period = controller.settings.period
         self._zeros = np.zeros(len(mass))
@@ -210,10 +241,13 @@ class _SteadyMotion:
         memory = self._memory()
         #: Number of values in the memory.
         self.states = len(memory)
+        #: Rows of the reference that are inputs.
+        self._inputs = len(self._rows) if with_reference else 0
         self._values = np.concatenate([
             memory,
             self._zeros,
-            self._ones])
+            self._ones,
+            self._rows[:self._inputs].ravel()])
 
     def _reference(self, k: int, delay: int) -> list[Any]:
         """Return the points at sample `k` and at those of the delay."""
@@ -243,7 +277,7 @@ class _SteadyMotion:
         of_control, of_law = self._layouts
         law_begin = of_control.itemsize // 8
         law_end = law_begin + of_law.itemsize // 8
-        control, law_memory, transit, y = np.split(
+        control, law_memory, transit, inputs = np.split(
             values,
             [law_begin, law_end, self.states])
         self._transit[:] = transit.reshape(self._transit.shape)
@@ -251,8 +285,8 @@ class _SteadyMotion:
             _unpack(control, of_control),
             _unpack(law_memory, of_law),
             self._last)
-        state = y.reshape(2, -1)
-        rows = np.concatenate([state, self._rows])
+        given = inputs.reshape(-1, len(self._zeros))
+        rows = np.concatenate([given, self._rows[self._inputs:]])
         tau = self._stepper.step(rows, REGULAR)[0]
         return np.concatenate([
             self._memory(),
@@ -260,14 +294,17 @@ class _SteadyMotion:
 
     def sensitivity(self) -> Array:
         """
-        Return the effect of noise, shape (m + 2 n,).
+        Return the effect of noise, shape (m + inputs,).
 
-        The noise is 1 of q and 1 / h of dq. The result is 0 for values that it does not reach.
+        The noise is 1 of q, 1 / h of dq and 1 / h² of ddq. The result is 0 for values that it does
+        not reach.
         """
         m = self.states
         rng = np.random.default_rng(0)
         of_dq = self._ones / self._period
-        noise = np.concatenate([self._ones, of_dq])
+        of_point = np.concatenate([self._ones, of_dq, of_dq / self._period])
+        of_reference = np.tile(of_point, self._inputs // 3)
+        noise = np.concatenate([self._ones, of_dq, of_reference])
         undisturbed = self._step(self._values)[:m]
         deviation = np.zeros(m)
         largest = np.zeros(m)
@@ -287,7 +324,7 @@ class _SteadyMotion:
         """
         Return changes of memory and τ for 1 `scale`.
 
-        Their shape is (m + n, m + 2 n).
+        Their shape is (m + n, m + inputs).
         """
         m = self.states
         values = self._values
@@ -316,8 +353,8 @@ def _unpack(numbers: Array, layout: Any) -> Any:
     return load(record)
 
 
-def _minimal(change: Array, scale: Array, m: int) -> LinearLaw:
-    """Return the part between y and τ, unscaled."""
+def _minimal(change: Array, scale: Array, m: int, size_of_y: int) -> LinearLaw:
+    """Return the part between inputs and τ, unscaled."""
     size = np.abs(change)
     largest = size.max(axis=1, keepdims=True, initial=1e-300)
     is_exact = size > _ROUNDING * largest
@@ -325,8 +362,10 @@ def _minimal(change: Array, scale: Array, m: int) -> LinearLaw:
     of_memory, of_torque = np.split(change, [m])
     A, B = np.split(of_memory, [m], axis=1)
     C, D = np.split(of_torque, [m], axis=1)
-    memory_scale, y_scale = np.split(scale, [m])
+    memory_scale, input_scale = np.split(scale, [m])
     reaches_torque = _reach(A.T, C.T)
     is_reached = memory_scale > 0.0
-    law = LinearLaw(A, B / y_scale, C, D / y_scale)
+    B, E = np.split(B / input_scale, [size_of_y], axis=1)
+    D, F = np.split(D / input_scale, [size_of_y], axis=1)
+    law = LinearLaw(A, B, C, D, E, F)
     return law.only(reaches_torque & is_reached)

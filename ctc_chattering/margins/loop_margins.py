@@ -90,7 +90,7 @@ class SampledLoop(NamedTuple):
     """
     The loop of (XL2).
 
-    state⁺ = A state + B w, z = C state.
+    state⁺ = A state + E r + B w, z = C state + F r, with the reference r.
     """
 
     #: Shape (m, m).
@@ -99,10 +99,18 @@ class SampledLoop(NamedTuple):
     B: Array
     #: Shape (2 n, m).
     C: Array
+    #: Shape (m, inputs).
+    E: Array
+    #: Shape (2 n, inputs).
+    F: Array
 
     def closed(self, ratio: float) -> Array:
         """Return the matrix for M̂ = `ratio` M, shape (m, m)."""
         return self.A + ratio * self.B @ self.C
+
+    def driven(self, ratio: float) -> Array:
+        """Return the effect of r for M̂ = `ratio` M, shape (m, inputs)."""
+        return self.E + ratio * self.B @ self.F
 
     def gain(self, ratio: float) -> float:
         """Return the H∞ norm from w to z for M̂ = `ratio` M."""
@@ -186,15 +194,15 @@ class Loops:
         n = len(mass)
         h = self.period
         # Rows of an identity: the state, which is q, dq, torque of the drives, torques in
-        # transit, last q and the memory of the law.
+        # transit, last q and the memory of the law. The reference follows.
         last_q_size = n if self.differenced else 0
-        sizes = [n, n, n, self.delay * n, last_q_size, len(law.A)]
+        sizes = [n, n, n, self.delay * n, last_q_size, len(law.A), law.E.shape[1]]
         identity = np.eye(sum(sizes))
         ends = np.cumsum(sizes)[:-1]
-        q, dq, torque, transit, last_q, memory = np.split(identity, ends)
+        q, dq, torque, transit, last_q, memory, reference = np.split(identity, ends)
         velocity = (q - last_q) / h if self.differenced else dq
         y = np.vstack([q, velocity])
-        sent = law.C @ memory + law.D @ y
+        sent = law.C @ memory + law.D @ y + law.F @ reference
         commands = np.vstack([transit, sent])
         command = commands[:n]
 
@@ -202,7 +210,7 @@ class Loops:
         gap = torque - command
         shares = drives.decay, drives.mean, drives.weighted
         end, mean, weighted = (command + share[:, np.newaxis] * gap for share in shares)
-        next_memory = law.A @ memory + law.B @ y
+        next_memory = law.A @ memory + law.B @ y + law.E @ reference
         A = np.vstack([
             q + h * dq,
             dq,
@@ -222,10 +230,10 @@ class Loops:
             root @ mean,
             root @ difference])
         scale = np.repeat([1.0, _SCALE], n)
-        return SampledLoop(
-            A,
-            B / scale,
-            scale[:, np.newaxis] * C)
+        size = len(A)
+        A, E = np.split(A, [size], axis=1)
+        C, F = np.split(scale[:, np.newaxis] * C, [size], axis=1)
+        return SampledLoop(A, B / scale, C, E, F)
 
     def radius(self, ratio: float = 1.0) -> float:
         """

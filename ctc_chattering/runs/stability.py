@@ -28,7 +28,7 @@ from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
-from ctc_chattering.margins.linear_law import linear_law, LinearLaw
+from ctc_chattering.margins.linear_law import is_proportional, linear_law, LinearLaw
 from ctc_chattering.margins.loop_margins import (
     Loops,
     Margins,
@@ -81,8 +81,7 @@ def loops_of(setup: Setup) -> Loops:
 
 def _check_proportion(config: ControllerConfig, law: LinearLaw, mass: Array) -> None:
     """Refuse a law whose torque is not proportional to M̂."""
-    response = linear_law(config, mass).response()
-    if not np.abs(mass @ law.response() - response).max() <= 1e-3 * np.abs(response).max():
+    if not is_proportional(linear_law(config, mass), law, mass):
         raise CtcError(f'law {config.law}: its torque is not proportional to the mass matrix of '
                        'its model, so that its stability cannot be computed')
 

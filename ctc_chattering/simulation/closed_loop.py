@@ -19,7 +19,8 @@ Simulate the closed loop without ROS.
 controller and reference are those of the nodes. Each is given by its configuration. Plant and
 model may also be given as objects. At every sample the controller computes a torque from the
 measured state. The plant holds it until the next sample. The loop runs as machine code
-(`CompiledLoop`) where that is possible, otherwise in Python.
+(`CompiledLoop`) where that is possible, otherwise in Python. A `Corrector` may correct the motion
+while it runs: the loop is then advanced in segments.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 import dataclasses
 from threading import get_ident
-from typing import Any
+from typing import Any, Protocol
 
 from ctc_chattering.compiled.records import described
 from ctc_chattering.control.compiled_step import CompiledStep
@@ -51,7 +52,9 @@ from ctc_chattering.simulation.plant import diverged, make_plant, Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.plant_step import CompiledPlantStep
 from ctc_chattering.trajectory.buffer import Point
-from ctc_chattering.trajectory.reference import reference_table, ReferenceConfig
+from ctc_chattering.trajectory.path_clock import PathClock, ScaledMotion
+from ctc_chattering.trajectory.reference import make_motion, reference_table, ReferenceConfig
+from ctc_chattering.trajectory.transitions import TimedMotion
 from ctc_chattering.trajectory.waypoints import Route
 import numpy as np
 import numpy.typing as npt
@@ -101,6 +104,9 @@ class Run:
         Torque sent at the sample, to be held until the next [N·m].
     v : ndarray, shape (N, n)
         Filtered error of equation (3) [rad/s].
+    correction : ndarray, shape (N, 2, n), optional
+        Part of q_d [rad] and dq_d [rad/s] that was learned from earlier passes. The errors are
+        those from the desired motion without it.
     compiled : bool
         Whether machine code computed it.
 
@@ -114,17 +120,33 @@ class Run:
     ddq_d: Array
     tau: Array
     v: Array
+    correction: Array | None = dataclasses.field(default=None, kw_only=True)
     compiled: bool = dataclasses.field(default=False, kw_only=True)
 
     @property
     def e(self) -> Array:
         """Return the position error q_d - q [rad], shape: (N, n)."""
-        return self.q_d - self.q
+        e = self.q_d - self.q
+        return e if self.correction is None else e - self.correction[:, 0]
 
     @property
     def de(self) -> Array:
         """Return the velocity error dq_d - dq [rad/s], shape: (N, n)."""
-        return self.dq_d - self.dq
+        de = self.dq_d - self.dq
+        return de if self.correction is None else de - self.correction[:, 1]
+
+
+class Corrector(Protocol):
+    """A correction of the motion, learnt while it runs. Joints are in the reference's order."""
+
+    def corrected(self, motion: TimedMotion) -> TimedMotion:
+        """Return a motion over path time with its correction."""
+
+    def known_until(self) -> int | None:
+        """Return the path time before which the correction is final [ns], None for ever."""
+
+    def add(self, s: int, q_d: Sequence[float], e: Sequence[float]) -> None:
+        """Take desired position and error, shape (n,) [rad], at path time `s` [ns]."""
 
 
 @np.errstate(all='ignore')  # An overflow gives a torque that is not finite.
@@ -132,7 +154,7 @@ def run_closed_loop(plant: PlantConfig, controller: ControllerConfig, reference:
                     events: Sequence[Event] = (),
                     progress: Callable[[float], None] | None = None, truth: bool = False,
                     route: Route | None = None, robot: Plant | None = None,
-                    model: Model | None = None) -> Run:
+                    model: Model | None = None, learner: Corrector | None = None) -> Run:
     """
     Return the samples of the closed loop.
 
@@ -156,6 +178,8 @@ def run_closed_loop(plant: PlantConfig, controller: ControllerConfig, reference:
         Plant in its initial state, made for `plant`. The default is a new one.
     model : Model, optional
         Model of the controller. The default is the one that its configuration names.
+    learner : Corrector, optional
+        Corrects the motion, from every `state_decimation`-th sample. It must not simulate.
 
     Raises
     ------
@@ -170,20 +194,29 @@ def run_closed_loop(plant: PlantConfig, controller: ControllerConfig, reference:
     law = Controller(controller, model)
     start = tuple(zip(plant.joint_names, zip(*map(tuple, robot.measured))))
     endless = dict(zip(controller.joint_names, law.continuous))
-    table = reference_table(
-        reference, route, start if reference.start_duration or route is not None else (),
-        controller.joint_names, robot.period_ns, robot.last + 1 + controller.input_delay,
-        tuple(endless.get(name, False) for name in reference.joint_names))
-    loop = _Loop(robot, law, table, truth)
+    continuous = tuple(endless.get(name, False) for name in reference.joint_names)
+    count = robot.last + 1 + controller.input_delay
+    start = start if reference.start_duration or route is not None else ()
+    table = desired = reference_table(
+        reference, route, start, controller.joint_names, robot.period_ns, count, continuous)
+    learned: LearnedTable | None = None
+    if learner is not None:
+        motion = make_motion(reference, route, dict(start), continuous=continuous)
+        learned = LearnedTable(learner, motion, reference, controller, robot.period_ns, count)
+        table = learned.rows
     report_progress = progress or (lambda _: None)
     report_progress(0.0)
     compiled_loop = None if events else compiled_loop_of(robot, law)
     if compiled_loop is not None and compiled_loop.compiled:
-        run = loop.by_machine_code(compiled_loop)
+        loop: ClosedLoop = MachineCodeLoop(compiled_loop, robot, law, table, truth)
     else:
-        run = loop.by_plain_python(events, report_progress)
+        loop = ClosedLoop(robot, law, table, truth, events, report_progress)
+    if learned is None:
+        loop.advance(robot.last + 1)
+    else:
+        learned.run(loop)
     report_progress(plant.duration)
-    return run
+    return loop.run(None if learned is None else desired)
 
 
 #: Compiled loops by thread, delays and array layouts; never emptied.
@@ -216,78 +249,85 @@ def compiled_loop_of(robot: Plant, law: Controller) -> CompiledLoop | None:
     return loop
 
 
-class _Loop:
+class ClosedLoop:
     """
-    A closed loop at its start.
+    A closed loop in plain Python, from its start on.
 
     Parameters
     ----------
     robot, law
         Plant and controller before their first sample.
     table : array, shape (samples + delay, 3, n)
-        Points of the reference, from `reference_table`, also at lost samples.
-    truth : bool
+        Points of the reference, from `reference_table`, also at lost samples. The first must be
+        filled in, the others only before `advance` needs them.
+    truth, events, report_progress
         As in `run_closed_loop`.
+
+    Attributes
+    ----------
+    k : int
+        The next sample.
 
     """
 
-    def __init__(self, robot: Plant, law: Controller, table: Array, truth: bool) -> None:
+    compiled = False
+
+    def __init__(self, robot: Plant, law: Controller, table: Array, truth: bool = False,
+                 events: Sequence[Event] = (),
+                 report_progress: Callable[[float], None] = lambda _: None) -> None:
+        self.k = 0
         self._robot = robot
         self._law = law
         self._table = table
         self._truth = truth
+        self._pending_events = deque(sorted(events, key=lambda event: event.time))
+        self._report_progress = report_progress
         #: Multiples of 2 π by which the angles start nearest to the reference [rad].
         self._turns = TURN * np.array([
             turns_to(q, target) if continuous else 0
             for q, target, continuous in zip(
                 robot.measured[0], table[0, 0].tolist(), law.continuous)])
+        self._tau = robot.applied
+        self._samples = empty_samples(robot.last + 1, robot.n)
+        self._count = 0
 
-    def by_machine_code(self, loop: CompiledLoop) -> Run:
-        """Run the loop as machine code."""
-        config = self._law.config
-        end, samples = loop.run(
-            self._robot, self._table, np.array(config.error_limit), self._turns, self._truth)
-        t = seconds(loop.status.k * self._robot.period_ns)
-        if end == DIVERGED:
-            raise diverged(t, loop.plant_step.state.driven.commanded)
-        if end == BEYOND_LIMIT:
-            joint = loop.status.joint
-            raise _beyond_limit(config, joint, t, loop.error[joint])
-        if end == NO_TORQUE:
-            raise _no_torque(t, *loop.measured.tolist())
-        return self._run_of(samples, compiled=True)
+    @property
+    def recorded(self) -> Samples:
+        """Return the samples so far, without those that are lost."""
+        return self._samples.head(self._count)
 
-    def by_plain_python(self, events: Sequence[Event],
-                        report_progress: Callable[[float], None]) -> Run:
-        """Run the loop in Python."""
+    def advance(self, until: int) -> None:
+        """
+        Run all samples before `until`.
+
+        Sample k needs rows k to k + delay of the table. Raise `CtcError` if the run must end.
+        """
         robot = self._robot
-        truth = self._truth
-        pending_events = deque(sorted(events, key=lambda event: event.time))
         nodes: dict[str, Any] = {'plant': robot, 'controller': self._law}
-        samples = empty_samples(robot.last + 1, robot.n)
-        count = 0
-        tau = robot.applied
-        for k in range(robot.last + 1):
+        samples = self._samples
+        for k in range(self.k, until):
             t = seconds(k * robot.period_ns)
-            while pending_events and t >= pending_events[0].time:
-                event = pending_events.popleft()
+            while self._pending_events and t >= self._pending_events[0].time:
+                event = self._pending_events.popleft()
                 node = nodes[event.node]
                 node.configure(node.config.changed(event.values))
             if not robot.lost:
                 sample = self._control_step(k)
-                tau = sample.tau
+                count = self._count
+                self._tau = sample.tau
                 samples.stamps[count] = robot.stamp
-                q, dq = (robot.q, robot.dq) if truth else robot.measured
+                q, dq = (robot.q, robot.dq) if self._truth else robot.measured
                 samples.q[count] = q + self._turns
                 samples.dq[count] = dq
-                samples.tau[count] = tau
+                samples.tau[count] = sample.tau
                 samples.v[count] = sample.v
-                count += 1
+                samples.e[count] = sample.e
+                self._count += 1
             if k < robot.last:
-                robot.step(tau)
+                robot.step(self._tau)
             if k % max(1, robot.last // _PROGRESS_CALLS) == 0:
-                report_progress(t)
-        return self._run_of(samples.head(count), compiled=False)
+                self._report_progress(t)
+        self.k = until
 
     def _control_step(self, k: int) -> Sample:
         """Return the law's sample at `k`; raise `CtcError` if it must end."""
@@ -306,19 +346,149 @@ class _Loop:
             raise _beyond_limit(law.config, joint, t, sample.e[joint])
         return sample
 
-    def _run_of(self, samples: Samples, compiled: bool) -> Run:
-        """Return the run, with the reference extrapolated to the stamps."""
-        stamps, q, dq, tau, v = samples
+    def run(self, desired: Array | None = None) -> Run:
+        """
+        Return the run so far, with the reference extrapolated to the stamps.
+
+        Parameters
+        ----------
+        desired : array, shape of the table, optional
+            The reference without its correction.
+
+        """
+        stamps, q, dq, tau, v, _ = self.recorded
         k = np.rint(stamps / self._robot.period_ns).astype(int)
         on_grid = k * self._robot.period_ns
-        q_d, dq_d, ddq_d = self._table[k].transpose(1, 0, 2)
+        late = (stamps - on_grid)[:, np.newaxis] / NANOSECONDS
         if self._truth:
             stamps = on_grid
-        elif (stamps != on_grid).any():
-            s = (stamps - on_grid)[:, np.newaxis] / NANOSECONDS
-            q_d = q_d + s * (dq_d + 0.5 * s * ddq_d)
-            dq_d = dq_d + s * ddq_d
-        return Run(stamps / NANOSECONDS, q, dq, q_d, dq_d, ddq_d, tau, v, compiled=compiled)
+            late = 0.0 * late
+        q_d, dq_d, ddq_d = _extrapolated(self._table[k], late)
+        correction = None
+        if desired is not None:
+            desired_q, desired_dq, _ = _extrapolated(desired[k], late)
+            correction = np.stack([q_d - desired_q, dq_d - desired_dq], axis=1)
+        t = stamps / NANOSECONDS
+        return Run(t, q, dq, q_d, dq_d, ddq_d, tau, v, correction=correction,
+                   compiled=self.compiled)
+
+
+def _extrapolated(points: Array, late: Array) -> tuple[Array, Array, Array]:
+    """Return q_d, dq_d and ddq_d a time after points of the reference, shape (N, 1) [s]."""
+    q_d, dq_d, ddq_d = points.transpose(1, 0, 2)
+    if late.any():
+        q_d = q_d + late * (dq_d + 0.5 * late * ddq_d)
+        dq_d = dq_d + late * ddq_d
+    return q_d, dq_d, ddq_d
+
+
+class MachineCodeLoop(ClosedLoop):
+    """
+    A closed loop as machine code.
+
+    Parameters
+    ----------
+    loop : CompiledLoop
+        From `compiled_loop_of`. Until the last segment, the thread runs no other loop.
+    robot, law, table, truth
+        As of `ClosedLoop`.
+
+    """
+
+    compiled = True
+
+    def __init__(self, loop: CompiledLoop, robot: Plant, law: Controller, table: Array,
+                 truth: bool = False) -> None:
+        super().__init__(robot, law, table, truth)
+        self._loop = loop
+        self._arguments = loop.start(
+            robot, table, self._samples, np.array(law.config.error_limit), self._turns, truth)
+
+    def advance(self, until: int) -> None:
+        """Run all samples before `until`."""
+        loop = self._loop
+        end = loop.advance(self._arguments, until)
+        status = loop.status
+        self.k = status.k
+        self._count = status.recorded
+        t = seconds(self.k * self._robot.period_ns)
+        if end == DIVERGED:
+            raise diverged(t, loop.plant_step.state.driven.commanded)
+        if end == BEYOND_LIMIT:
+            raise _beyond_limit(self._law.config, status.joint, t, loop.error[status.joint])
+        if end == NO_TORQUE:
+            raise _no_torque(t, *loop.measured.tolist())
+
+
+class LearnedTable:
+    """
+    Samples of a motion that a learner corrects, filled in once they are final.
+
+    Parameters
+    ----------
+    learner : Corrector
+    motion : TimedMotion
+        Motion over path time, in the order of the reference's joints.
+    reference, controller
+        As in `run_closed_loop`.
+    period : int
+        Control period [ns].
+    count : int
+        Number of rows.
+
+    Attributes
+    ----------
+    rows : array, shape (count, 3, n)
+        As of `reference_table`, NaN from row `filled` on.
+    filled : int
+        Number of rows that are final.
+
+    """
+
+    def __init__(self, learner: Corrector, motion: TimedMotion, reference: ReferenceConfig,
+                 controller: ControllerConfig, period: int, count: int) -> None:
+        self._learner = learner
+        self._motion = motion
+        self._clock = PathClock(reference.speed_scaling, reference.speed_scaling)
+        self._controller = controller
+        self._period = period
+        #: Columns of the motion's joints.
+        self._columns = [controller.joint_names.index(name) for name in reference.joint_names]
+        self.rows = np.full((count, 3, len(self._columns)), np.nan)
+        self.filled = 0
+        self._fill()
+
+    def run(self, loop: ClosedLoop) -> None:
+        """Run a loop on these rows to its end."""
+        delay = self._controller.input_delay
+        decimation = self._controller.state_decimation
+        next_report = 0
+        while loop.k < len(self.rows) - delay:
+            if loop.k >= self.filled - delay:
+                raise RuntimeError(f'the learner does not know the motion at row {self.filled}')
+            loop.advance(self.filled - delay)
+            recorded = loop.recorded
+            for i in range(next_report, len(recorded.stamps), decimation):
+                self._report(int(recorded.stamps[i]), recorded.e[i])
+                next_report = i + decimation
+            self._fill()
+
+    def _report(self, stamp: int, e: Array) -> None:
+        """Pass a sample on to the learner, as the controller publishes it."""
+        q_d = self.rows[round(stamp / self._period), 0]
+        by_motion = np.array((q_d, e))[:, self._columns]
+        self._learner.add(self._clock.at(stamp).instant, *by_motion.tolist())
+
+    def _fill(self) -> None:
+        """Fill in the rows that have become final."""
+        motion = ScaledMotion(self._learner.corrected(self._motion), self._clock)
+        end = self._learner.known_until()
+        for k in range(self.filled, len(self.rows)):
+            t = k * self._period
+            if end is not None and self._clock.at(t).instant >= end:
+                return
+            self.rows[k][:, self._columns] = motion.at(t)
+            self.filled = k + 1
 
 
 def _no_torque(t: float, q: Vector, dq: Vector) -> CtcError:

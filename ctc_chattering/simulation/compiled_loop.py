@@ -16,9 +16,9 @@
 The closed loop as one piece of machine code.
 
 `run_closed_loop` runs a `CompiledLoop` where plant and controller can be machine code, and its own
-loop in plain Python elsewhere. `run_loop` is that loop once more, over records in memory,
-from the first sample to the last. It calls the steps of plant and controller by their addresses,
-so that these are compiled once for all loops. A run then takes milliseconds.
+loop in plain Python elsewhere. `run_loop` is that loop once more, over records in memory. It calls
+the steps of plant and controller by their addresses, so that these are compiled once for all
+loops. A run then takes milliseconds, and may be advanced in segments.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ from ctc_chattering.simulation.plant_step import CompiledPlant, CompiledPlantSte
 import numpy as np
 import numpy.typing as npt
 
-# Ends of a run, as `run_loop` returns them.
-#: At the last sample.
+# Ends of a segment, as `run_loop` returns them.
+#: Before the sample that was asked for.
 FINISHED = 0
 #: Without a finite torque.
 NO_TORQUE = 1
@@ -62,6 +62,8 @@ class Samples(NamedTuple):
     dq: Array
     tau: Array
     v: Array
+    #: Position error that the law computed, shape (N, n) [rad].
+    e: Array
 
     def head(self, count: int) -> Samples:
         """Return the first `count` samples."""
@@ -70,8 +72,7 @@ class Samples(NamedTuple):
 
 def empty_samples(count: int, n: int) -> Samples:
     """Return memory for `count` samples of `n` joints."""
-    q, dq, tau, v = np.empty((4, count, n))
-    return Samples(np.zeros(count, np.int64), q, dq, tau, v)
+    return Samples(np.zeros(count, np.int64), *np.empty((5, count, n)))
 
 
 @record
@@ -80,8 +81,13 @@ class LoopStatus(NamedTuple):
 
     #: Number of samples that are not lost.
     recorded: int
-    #: The last sample.
+    #: The next sample, or the one at which the run failed.
     k: int
+    #: The sample before which the segment ends.
+    until: int
+    #: Stamp of the last state that was not lost, and its time after its sample [ns].
+    previous: int
+    offset: int
     #: Joint with the error of `BEYOND_LIMIT`.
     joint: int
     #: True to record the true state in place of the measured one.
@@ -89,7 +95,7 @@ class LoopStatus(NamedTuple):
 
 
 class LoopRecords(NamedTuple):
-    """Memory of the loop, beside that of the plant."""
+    """Records of the loop, beside those of the plant."""
 
     #: NumPy records: `Callee` of the steps of controller and plant.
     controller: Any
@@ -111,7 +117,7 @@ class LoopRecords(NamedTuple):
 
 class CompiledLoop(Program):
     """
-    A closed loop from its start to its end.
+    A closed loop, from `fill` over `start` to the last `advance`.
 
     Parameters
     ----------
@@ -139,7 +145,7 @@ class CompiledLoop(Program):
         callees = packed(Callee(0, 0)), packed(Callee(0, 0))
         self._records = LoopRecords(
             *callees, plant_step.received, control.measured, step.points, control.irregularity,
-            control.result, np.zeros(n), np.zeros(n), packed(LoopStatus(0, 0, 0, False)))
+            control.result, np.zeros(n), np.zeros(n), packed(LoopStatus(0, 0, 0, 0, 0, 0, False)))
         # The machine code is the same for any number of samples.
         super().__init__((*step.codes, *plant_step.codes), run_loop, (
             plant_step.records, self._records, no_inputs(n, 1), np.zeros((3, n)),
@@ -172,17 +178,21 @@ class CompiledLoop(Program):
             step.arm.fill(arm)
             step.records.transit[:] = transit
 
-    def run(self, plant: Plant, table: Array, error_limit: Array, turns: Array, truth: bool
-            ) -> tuple[int, Samples]:
+    def start(self, plant: Plant, table: Array, samples: Samples, error_limit: Array, turns: Array,
+              truth: bool) -> tuple[Any, ...]:
         """
-        Run the loop, and return its end and samples.
+        Return the arguments of `advance` for a run at its start.
+
+        They are its memory, and must live until its end.
 
         Parameters
         ----------
         plant : Plant
             Whose parameters and state it has.
         table : array, shape (N + delay, 3, n)
-            q_d, dq_d and ddq_d at each sample.
+            q_d, dq_d and ddq_d at each sample. It is read where `advance` needs it.
+        samples : Samples
+            Memory for N samples, to be filled.
         error_limit : array, shape (n,)
             Largest position error, inf for any [rad].
         turns : array, shape (n,)
@@ -191,17 +201,18 @@ class CompiledLoop(Program):
             Record the true state in place of the one that the sensors show.
 
         """
-        fill(self._records.status, (0, 0, 0, truth, 0))
+        fill(self._records.status, (0, 0, 0, -plant.period_ns, 0, 0, truth, 0))
         self._records.error_limit[:] = error_limit
         self._records.turns[:] = turns
-        count = plant.last + 1
-        samples = empty_samples(count, plant.n)
-        # Both have names, since their memory must last until the end of the call.
-        arguments = (self.plant_step.records, self._records, inputs(plant, count),
-                     table.reshape(-1, plant.n), samples)
+        drawn = inputs(plant, plant.last + 1)
+        points = table.reshape(-1, plant.n)
+        return self.plant_step.records, self._records, drawn, points, samples
+
+    def advance(self, arguments: tuple[Any, ...], until: int) -> int:
+        """Run all samples before `until`, and return the segment's end."""
+        self._records.status.until = until
         addresses = argument_addresses(arguments)
-        end = invoke(self.code.address(), addresses.ctypes.data)
-        return end, samples.head(self.status.recorded)
+        return invoke(self.code.address(), addresses.ctypes.data)
 
     @property
     def status(self) -> LoopStatus:
@@ -236,7 +247,7 @@ def normal_numbers(state: Any, count: int) -> Array:
 def run_loop(p: CompiledPlant, c: LoopRecords, drawn: Any, points: Array, samples: Samples
              ) -> int:
     """
-    Run the closed loop, and return its end.
+    Run samples of the closed loop, and return the segment's end.
 
     Parameters
     ----------
@@ -252,7 +263,7 @@ def run_loop(p: CompiledPlant, c: LoopRecords, drawn: Any, points: Array, sample
     """
     state = p.state
     status = c.status
-    tau = value(p.state.driven.sent)
+    tau = value(c.result.tau)  # The first sample is never lost, and computes another one.
     measured = rows(c.measured, tau)
     table = rows(points, tau)
     ahead = rows(c.points, tau)
@@ -262,10 +273,9 @@ def run_loop(p: CompiledPlant, c: LoopRecords, drawn: Any, points: Array, sample
     dq_column = rows(samples.dq, tau)
     tau_column = rows(samples.tau, tau)
     v_column = rows(samples.v, tau)
+    e_column = rows(samples.e, tau)
     period = p.parameters.mechanics.period_ns
-    previous = -period
-    offset = 0
-    for k in range(p.parameters.last + 1):
+    for k in range(status.k, status.until):
         status.k = k
         if not state.lost_in_a_row:  # Else the plant takes the last torque again.
             measured[0] = value(state.shown.q) + turns
@@ -273,14 +283,15 @@ def run_loop(p: CompiledPlant, c: LoopRecords, drawn: Any, points: Array, sample
             for j in range(len(c.points)):
                 ahead[j] = table[3 * k + j]
             stamp = k * period + round(1e9 * state.offset)
-            missed, offset = locate_sample(period, offset, stamp - previous)
+            missed, offset = locate_sample(period, status.offset, stamp - status.previous)
             for j in range(missed, -1, -1):
                 c.irregularity.offset = offset / 1e9
                 c.irregularity.reference_offset = (stamp - offset - (k + j) * period) / 1e9
                 c.irregularity.is_measured = 1 - min(j, 1)
                 c.irregularity.keeps_torque = min(j, 1)
                 invoke(c.controller.function, c.controller.arguments)
-            previous = stamp
+            status.previous = stamp
+            status.offset = offset
             tau = value(c.result.tau)
             v = value(c.result.v)
             if not every(np.abs(tau) + np.abs(v) < inf):
@@ -298,10 +309,12 @@ def run_loop(p: CompiledPlant, c: LoopRecords, drawn: Any, points: Array, sample
                 dq_column[i] = value(state.motion.dq)
             tau_column[i] = tau
             v_column[i] = v
+            e_column[i] = value(c.result.e)
             status.recorded += 1
         if k < p.parameters.last:
             store(c.received, load(drawn[k])._replace(tau=tau))
             invoke(c.plant.function, c.plant.arguments)
             if not every(np.abs(value(state.motion.q)) + np.abs(value(state.motion.dq)) < inf):
                 return DIVERGED
+    status.k = status.until
     return FINISHED

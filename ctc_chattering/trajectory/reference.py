@@ -38,7 +38,7 @@ from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.angles import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import seconds
-from ctc_chattering.parameters import checked_integer, parameter, PerJoint
+from ctc_chattering.parameters import checked_integer, LEAST, parameter, PerJoint
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import (
     check_limits,
@@ -92,6 +92,17 @@ class ReferenceConfig(DescribedConfig):
     speed_scaling: float = parameter(
         1.0, 'Speed of the motion as a share of its own; 0 holds the position. A change slews.',
         minimum=0.0, maximum=1.0)
+    learning: bool = parameter(
+        False, 'Learn from repeated passes of the motion a correction of the reference '
+        '(docs/learning.md).', read_only=True)
+    learning_gain: float = parameter(
+        0.7, 'Share of the error that a pass corrects.', minimum=LEAST, maximum=1.0,
+        read_only=True)
+    learning_cutoff: float = parameter(
+        0.0, 'Highest frequency that is learned; 0 for the highest that converges.', 'Hz',
+        maximum=1e3, read_only=True)
+    learning_bound: float = parameter(
+        0.1, 'Largest correction of a joint.', 'rad', minimum=LEAST, maximum=1.0, read_only=True)
 
 
 class StartError(CtcError):

@@ -85,7 +85,7 @@ SAME: dict[str, Callable[[], list[Entry]]] = {
                       *messages(start=10 ** 9)],
     'bare': without_names_and_efforts, 'gripper': with_a_gripper,
     'others': lambda: [*messages(), parameters('controller', 10 ** 8, {
-        'use_sim_time': True, 'state_decimation': 3, 'wait_for': ('a',)}, False)]}
+        'use_sim_time': True, 'predicted_periods': 3, 'wait_for': ('a',)}, False)]}
 
 
 def logged_late(found: list[Entry]) -> list[Entry]:

@@ -35,8 +35,8 @@ ROOT = Path(ctc_chattering.__file__).parent
 ORDER = ('errors', 'number_format', 'input_files', 'output_files', 'output_folder',
          'parameters', 'compiled',
          'numerics', 'dynamics', 'trajectory', 'control', 'margins', 'controller', 'simulation',
-         'configuration', 'analysis', 'c_export', 'ros', 'bags', 'nodes', 'launch', 'runs',
-         'identification', 'live', 'cli')
+         'configuration', 'learning', 'analysis', 'c_export', 'ros', 'bags', 'nodes', 'launch',
+         'runs', 'identification', 'live', 'cli')
 FOLDERS = ORDER[ORDER.index('compiled'):]
 #: These know nothing of ROS.
 NUMERIC = (*ORDER[:ORDER.index('ros')], 'identification')

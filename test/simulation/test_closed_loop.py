@@ -17,11 +17,13 @@
 from typing import Any
 
 from ctc_chattering.analysis.terms import RunTerms, terms
-from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.errors import CtcError
-from ctc_chattering.simulation.closed_loop import Event, Run, run_closed_loop
+from ctc_chattering.simulation.closed_loop import ClosedLoop, Event, Run, run_closed_loop
+from ctc_chattering.simulation.plant import make_plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
+from ctc_chattering.trajectory.reference import reference_table, ReferenceConfig, Sinusoid
+from learners import corrected_at_once, learning_setup
 import numpy as np
 from oracles import Array, paper_c, paper_field, paper_g, paper_m
 import pytest
@@ -205,3 +207,73 @@ def test_error_limit_ends_the_run() -> None:
     wide = _run(duration=1.0, law='compensation', plant=start, controller={
         'error_limit': np.abs(e).max(axis=0).tolist()})
     assert (wide.tau == free.tau).all()
+
+
+IMPERFECT: dict[str, Any] = {
+    'sample_loss': 0.2, 'sample_jitter': 2e-4, 'late_samples': 0.1, 'input_delay': 2,
+    'velocity_noise': [1e-3, 2e-3], 'noise_seed': 5}
+
+
+def _imperfect_loop(table: Array | None = None) -> ClosedLoop:
+    plant = PlantConfig.from_mapping({**IMPERFECT, 'duration': 0.4, 'compiled': False})
+    law = ControllerConfig.from_mapping({
+        'law': 'observer_feedback', 'input_delay': 2, 'compiled': False})
+    if table is None:
+        table = reference_table(ReferenceConfig(), None, (), law.joint_names, 1_000_000, 403)
+    events = (Event(0.1, 'controller', {'law': 'compensation'}),
+              Event(0.2, 'plant', {'coulomb_friction': [1.0, 1.0]}))
+    return ClosedLoop(make_plant(plant), Controller(law), table, events=events)
+
+
+def test_a_loop_in_segments_is_that_in_one() -> None:
+    """Events, delay, lost and jittered samples are as before; only needed rows are read."""
+    whole = _imperfect_loop()
+    table = reference_table(ReferenceConfig(), None, (), ('joint1', 'joint2'), 1_000_000, 403)
+    grown = np.full_like(table, np.nan)
+    grown[0] = table[0]
+    split = _imperfect_loop(grown)
+    whole.advance(401)
+    for until in (0, 1, 1, 2, 57, 100, 101, 200, 390, 401):
+        grown[:until + 2] = table[:until + 2]
+        split.advance(until)
+        assert split.k == until
+        for column, expected in zip(split.recorded, whole.recorded):
+            np.testing.assert_array_equal(column, expected[:len(column)])
+    assert 200 < len(split.recorded.stamps) == len(whole.recorded.stamps) < 400
+    for name, x in vars(whole.run()).items():
+        np.testing.assert_array_equal(getattr(split.run(), name), x)
+
+
+def test_the_recorded_error_is_that_of_the_law() -> None:
+    """Check law (6), whose error is that of the measured state, with lost samples."""
+    plant = PlantConfig(duration=0.3, sample_loss=0.2)
+    table = reference_table(ReferenceConfig(), None, (), ('joint1', 'joint2'), 1_000_000, 301)
+    loop = ClosedLoop(make_plant(plant), Controller(ControllerConfig()), table)
+    loop.advance(301)
+    assert 200 < len(loop.recorded.stamps) < 300
+    np.testing.assert_array_equal(loop.recorded.e, loop.run().e)
+
+
+def test_a_learner_corrects_a_run_from_its_errors() -> None:
+    """Half the speed, a delay and the joints in another order: the run is that of one table."""
+    learner, plant, law, reference = learning_setup(compiled=False)
+    run = run_closed_loop(plant, law, reference, learner=learner)
+    at_once = corrected_at_once(plant, law, reference)
+    desired = reference_table(reference, None, (), law.joint_names, 1_000_000, 503)
+    for name, x in vars(at_once.run(desired)).items():
+        np.testing.assert_array_equal(getattr(run, name), x)
+    np.testing.assert_allclose(run.e, desired[:501, 0] - run.q, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(run.de, desired[:501, 1] - run.dq, rtol=1e-12, atol=1e-12)
+    assert abs(run.e - at_once.recorded.e).max() > 1e-4  # The law's own error is another.
+    samples = slice(None, None, law.state_decimation)
+    path_times, q_d, e = map(np.array, zip(*learner.added))
+    np.testing.assert_array_equal(path_times, np.rint(run.t[samples] * 1e9 / 2))
+    np.testing.assert_array_equal(q_d, run.q_d[samples, ::-1])
+    np.testing.assert_array_equal(e, at_once.recorded.e[samples, ::-1])
+
+
+def test_a_learner_that_does_not_go_on_is_an_internal_error() -> None:
+    learner, plant, law, reference = learning_setup(compiled=False)
+    learner.horizon = 3_000_000
+    with pytest.raises(RuntimeError, match='the learner does not know the motion at row 6'):
+        run_closed_loop(plant, law, reference, learner=learner)

@@ -24,14 +24,17 @@ from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import find_config
+from ctc_chattering.control.controller import Controller
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation import closed_loop
-from ctc_chattering.simulation.closed_loop import Event, Run
-from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.closed_loop import Event, MachineCodeLoop, Run
+from ctc_chattering.simulation.plant import make_plant, Plant
 from ctc_chattering.simulation.sensor import Measured
+from ctc_chattering.trajectory.reference import reference_table
 from ctc_chattering.trajectory.waypoints import Route
+from learners import corrected_at_once, learning_setup
 from machine_code import compile_runs
 import numpy as np
 import pytest
@@ -181,3 +184,48 @@ def test_the_gravity_is_that_of_the_model() -> None:
         model=TwoLink(9.81)) for plant in plants]
     assert [run.compiled for run in runs] == [False, True]
     np.testing.assert_allclose(runs[1].q, runs[0].q, rtol=1e-9, atol=1e-9)
+
+
+def machine_code_loop(setup: Setup, table: Array) -> MachineCodeLoop:
+    robot, law = make_plant(setup.plant), Controller(setup.controller)
+    loop = closed_loop.compiled_loop_of(robot, law)
+    assert loop is not None and loop.compiled
+    return MachineCodeLoop(loop, robot, law, table, truth=True)
+
+
+@pytest.mark.parametrize('law', ['chattering', 'observer_feedback'])
+def test_a_loop_in_segments_is_that_in_one(law: str) -> None:
+    """To the last bit, with lost, jittered and late samples; only needed rows are read."""
+    setup = loaded(plant={**PLANT, 'sample_jitter': 2e-4, 'duration': 0.5},
+                   controller={**CONTROLLER, 'law': law})
+    compile_runs(setup)
+    table = reference_table(setup.reference, None, (), ('joint1', 'joint2'), 1_000_000, 502)
+    whole = machine_code_loop(setup, table)
+    whole.advance(501)
+    grown = np.full_like(table, np.nan)
+    grown[0] = table[0]
+    split = machine_code_loop(setup, grown)
+    for until in (0, 1, 1, 2, *range(57, 80), 200, 490, 501):
+        grown[:until + 1] = table[:until + 1]
+        split.advance(until)
+        assert split.k == until
+        for column, expected in zip(split.recorded, whole.recorded):
+            np.testing.assert_array_equal(column, expected[:len(column)])
+    assert 400 < len(split.recorded.stamps) == len(whole.recorded.stamps) < 500
+    for name, x in vars(simulate(setup, truth=True).run).items():
+        np.testing.assert_array_equal(getattr(split.run(), name), x)
+
+
+def test_a_learner_corrects_a_run_from_its_errors() -> None:
+    learner, plant, controller, reference = learning_setup(compiled=True)
+    compile_runs(Setup(plant, controller, reference))
+    run = closed_loop.run_closed_loop(plant, controller, reference, learner=learner)
+    assert run.compiled
+    _, plain_plant, plain_controller, _ = learning_setup(compiled=False)
+    expected = corrected_at_once(plain_plant, plain_controller, reference)
+    samples = slice(None, None, controller.state_decimation)
+    path_times, q_d, e = map(np.array, zip(*learner.added))
+    np.testing.assert_array_equal(path_times, np.rint(run.t[samples] * 1e9 / 2))
+    np.testing.assert_array_equal(q_d, run.q_d[samples, ::-1])
+    np.testing.assert_allclose(e, expected.recorded.e[samples, ::-1], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(run.q, expected.run().q, rtol=1e-9, atol=1e-9)

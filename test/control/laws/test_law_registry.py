@@ -57,7 +57,7 @@ SWITCHING = {'boundary_layer': 'boundary_layer', 'observer_bandwidth': 'implicit
 #: take `resonance`.
 OUTSIDE = ('joint_names', 'model', 'description', 'locked', 'law', 'error_limit',
            'control_period', 'compiled', 'rotor_inertia', 'resonance', 'continuous_joints',
-           'payload_mass', 'payload_center')
+           'payload_mass', 'payload_center', 'state_decimation')
 
 
 def torques(law: str, values: dict[str, Any]) -> Array:

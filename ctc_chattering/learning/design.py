@@ -1,0 +1,192 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Design of the learning filter from what is known of the loop.
+
+Simulation, reference node and `ctc learn` call `design_filter` with the configuration of the
+controller. With the response T of the loop to its reference (RR1), e_j = e_0 - T r_j. So (RL1)
+gives, at each frequency, for the distance of r_j from its limit::
+
+    d_j+1 = Q (I - L T) d_j,     |Q (I - L T)|₂ < 1 for each T that is possible           (RL2)
+
+That is the condition of convergence. It is checked with M̂ at several positions of the motion, and
+with M̂ = ρ M. L minimises |e_j+1|² + β |r_j+1 - r_j|² for the mean of T, and is then scaled by the
+learning gain::
+
+    L = γ (Tᴴ T + β I)⁻¹ Tᴴ                                                               (RL3)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.learning.learning_filter import ComplexArray, LearningFilter, low_pass
+from ctc_chattering.learning.motion import RepeatedMotion
+from ctc_chattering.margins.linear_law import is_proportional, linear_law
+from ctc_chattering.margins.loop_margins import Loops
+from ctc_chattering.margins.reference_response import reference_response
+from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.time_grid import period_ns, seconds
+from ctc_chattering.trajectory.reference import ReferenceConfig
+import numpy as np
+
+#: ρ for which convergence is checked. Half of a resonance changes what the motor feels as much.
+_RATIOS = (0.75, 1.0, 1.0 / 0.75)
+#: β of (RL3).
+_CHANGE_WEIGHT = 0.05
+#: Largest contraction: 8 passes then leave 2/3 of an error, at the worst frequency and robot.
+_MAX_CONTRACTION = 0.95
+#: Cut-off frequency over the rate of the reported errors, and over the lowest resonance, at most.
+_MAX_CUTOFF_PER_RATE = 0.25
+_MAX_CUTOFF_PER_RESONANCE = 0.5
+#: Lowest frequency that is examined, and lowest cut-off frequency that is tried [Hz].
+_LOWEST_FREQUENCY = 0.1
+_LOWEST_CUTOFF = 0.5
+#: Number of frequencies, and of cut-off frequencies.
+_FREQUENCIES = 60
+_CUTOFFS = 60
+
+
+def filter_for(motion: RepeatedMotion, reference: ReferenceConfig, controller: ControllerConfig,
+               model: Model) -> LearningFilter:
+    """
+    Return the learning filter for a motion, with joints in the order of the reference.
+
+    Parameters
+    ----------
+    motion : RepeatedMotion
+        Motion along which M̂ is evaluated.
+    reference : ReferenceConfig
+        ``learning_gain`` and ``learning_cutoff``.
+    controller : ControllerConfig
+        Law, gains, and what is known of the loop.
+    model : Model
+        Model of the controller.
+
+    Raises
+    ------
+    CtcError
+        As `design_filter`, and for a reference of further joints.
+
+    """
+    names = controller.joint_names
+    if {*names} != {*reference.joint_names}:
+        raise CtcError('learning: the reference must have the joints of the controller')
+    to_controller = [reference.joint_names.index(name) for name in names]
+    to_reference = [names.index(name) for name in reference.joint_names]
+    masses = [np.array(model.mass_matrix([q[i] for i in to_controller]))
+              for q in motion.positions()]
+    designed = design_filter(
+        controller, masses, reference.learning_gain, reference.learning_cutoff)
+    return designed.reordered(to_reference)
+
+
+def design_filter(config: ControllerConfig, masses: Sequence[Array], gain: float, cutoff: float
+                  ) -> LearningFilter:
+    """
+    Return the learning filter for a law, or refuse one that need not converge.
+
+    Parameters
+    ----------
+    config : ControllerConfig
+        Law, gains, and what is known of drives, delay and resonance.
+    masses : sequence of array, shape (n, n)
+        M̂ at several positions of the motion [kg·m²].
+    gain : float
+        γ of (RL3), from 0 to 1.
+    cutoff : float
+        f_c [Hz], 0 for the highest that converges.
+
+    Raises
+    ------
+    CtcError
+        If the law is not linear near a steady motion, or (RL2) fails.
+
+    """
+    key = tuple(tuple(map(tuple, mass.tolist())) for mass in masses)
+    return _designed(config, key, gain, cutoff)
+
+
+@lru_cache(32)
+def _designed(config: ControllerConfig, masses: tuple[tuple[tuple[float, ...], ...], ...],
+              gain: float, cutoff: float) -> LearningFilter:
+    """Return a filter, which is kept, because it takes up to a second."""
+    period = seconds(period_ns(config.control_period))
+    frequencies = np.geomspace(_LOWEST_FREQUENCY, 0.45 / period, _FREQUENCIES)
+    responses = _responses(config, [np.array(mass) for mass in masses], period, frequencies)
+    mean = responses[:, _RATIOS.index(1.0)].mean(axis=0)
+    adjoint = mean.conj().swapaxes(1, 2)
+    identity = np.eye(mean.shape[1])
+    weighted = adjoint @ mean + _CHANGE_WEIGHT * identity
+    L: ComplexArray = np.asarray(gain * np.linalg.solve(weighted, adjoint), np.complex128)
+    norms = np.linalg.norm(identity - L @ responses, 2, axis=(-2, -1)).max(axis=(0, 1))
+
+    def contraction(f_c: float) -> float:
+        return float((low_pass(frequencies, f_c) * norms).max())
+
+    highest = min(
+        _MAX_CUTOFF_PER_RATE / (config.state_decimation * period),
+        _MAX_CUTOFF_PER_RESONANCE * config.resonance)
+    candidates = np.geomspace(_LOWEST_CUTOFF, highest, _CUTOFFS).tolist()
+    converging = [f_c for f_c in candidates if contraction(f_c) <= _MAX_CONTRACTION]
+    if not converging:
+        raise CtcError(f'learning: no cut-off frequency from {_LOWEST_CUTOFF:g} Hz on converges '
+                       f'under law {config.law} with these gains')
+    largest = converging[-1]
+    if cutoff and not (cutoff <= highest and contraction(cutoff) <= _MAX_CONTRACTION):
+        raise ParameterError(
+            'learning_cutoff', cutoff,
+            f'at most {largest:.3g} Hz, up to which learning converges under law {config.law}')
+    chosen = cutoff or largest
+    return LearningFilter(frequencies, L, chosen, contraction(chosen))
+
+
+def _responses(config: ControllerConfig, masses: Sequence[Array], period: float,
+               frequencies: Array) -> ComplexArray:
+    """
+    Return T at frequencies [Hz], shape (masses and lags, ratios, K, n, n).
+
+    For a law that is not linear, T is that of its equations without the robust term, and 1 as for
+    ideal sliding.
+    """
+    omega = 2.0 * np.pi * frequencies
+    identity = np.eye(len(masses[0]))
+    responses = []
+    try:
+        laws = [linear_law(config, identity, with_reference=True)]
+    except CtcError:
+        config = config.changed({'law': 'compensation'})
+        laws = [linear_law(config, identity, with_reference=True)]
+        shape = 1, len(_RATIOS), len(omega), *identity.shape
+        responses.append(np.broadcast_to(identity.astype(complex), shape))
+    of_first = linear_law(config, masses[0], with_reference=True)
+    if is_proportional(of_first, laws[0], masses[0]):
+        masses = [identity]  # T does not depend on M̂.
+    else:
+        others = [linear_law(config, mass, with_reference=True) for mass in masses[1:]]
+        laws = [of_first, *others]
+    stable = []
+    for lag in {config.known_lag, config.assumed_lag}:
+        loops = Loops(laws, masses, period, np.array(lag), config.input_delay, differenced=True)
+        if loops.radius() < 1.0:
+            of_ratios = [reference_response(loops, omega, ratio) for ratio in _RATIOS]
+            stable.append(np.stack(of_ratios, axis=1))
+    if not stable:
+        raise CtcError(f'learning: law {config.law} is unstable with these gains, lag and delay')
+    return np.concatenate([*responses, *stable])
