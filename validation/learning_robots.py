@@ -30,7 +30,7 @@ import arms_study
 from independent_plant import advance, at_rest, ideal, quantised
 import mujoco
 import numpy as np
-from rigid_bodies import Array, bodies_of, Bodies, dynamics
+from rigid_bodies import Array, Bodies, dynamics
 import robots
 
 #: Nominal dry friction per effort limit, of which the laws that know friction are told.
@@ -86,7 +86,7 @@ class Case:
 
     @property
     def dry_per_effort(self) -> float:
-        """Nominal dry friction per effort limit."""
+        """Return the nominal dry friction per effort limit."""
         return STICKY_PER_EFFORT if self.sticky else DRY_PER_EFFORT
 
 
@@ -174,11 +174,11 @@ class IndependentArm:
 
     def links(self) -> Array:
         """Return the true positions of the links."""
-        return self._state.x[-self._n:].copy()
+        return np.array(self._state.x[-self._n:])
 
     def motors(self) -> Array:
         """Return the true positions of the motors."""
-        return self._state.x[:self._n].copy()
+        return np.array(self._state.x[:self._n])
 
     def go_on(self, command: Array, steps: int) -> None:
         """Receive a command, and go on."""
@@ -319,27 +319,27 @@ class ForeignRobot:
 
     @property
     def q(self) -> list[float]:
-        """True positions of the links [rad]."""
+        """Return the true positions of the links [rad]."""
         return list(self.truth[-1].tolist())
 
     @property
     def dq(self) -> list[float]:
-        """Velocities as they are measured [rad/s]."""
+        """Return the velocities as they are measured [rad/s]."""
         return list(self.measured[1].tolist())
 
     @property
     def stamp(self) -> int:
-        """Time of the present state [ns]."""
+        """Return the time of the present state [ns]."""
         return self.k * self.period_ns + round(1e9 * self.offset)
 
     @property
     def offset(self) -> float:
-        """Time from the sample to its state [s]."""
+        """Return the time from the sample to its state [s]."""
         return float(STEP_S * self.off[self.k])
 
     @property
     def lost(self) -> bool:
-        """Whether the present state does not arrive."""
+        """Return whether the present state does not arrive."""
         return self._lost_in_a_row > 0
 
     def configure(self, config: Any) -> None:

@@ -38,16 +38,16 @@ from ctc_chattering.controller.trips import TripMonitor
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
 from ctc_chattering.learning.design import filter_for
+from ctc_chattering.learning.learner import Learner as PackageLearner
+from ctc_chattering.learning.learner import LearningState
+from ctc_chattering.learning.motion import motion_of
 from ctc_chattering.learning.simulated_learner import make_learner
-import ctc_chattering.simulation.closed_loop as closed_loop_module
-from ctc_chattering.simulation.closed_loop import LearnedTable, run_closed_loop
+from ctc_chattering.simulation.closed_loop import ClosedLoop, LearnedTable, run_closed_loop
 from ctc_chattering.trajectory.path_clock import PathClock, PathTime
 from ctc_chattering.trajectory.reference import make_motion
 from learning_robots import (
     Case,
-    DEVIATION,
     draw_truth,
-    DRY_PER_EFFORT,
     ENGINES,
     ForeignRobot,
     PERIOD_S,
@@ -135,7 +135,8 @@ class Tuning:
 
 #: Tuning by way to learn. That of torques: the law's kp and kv times the inertia, as in feedback
 #: error learning; the lead is lag, delay and half a period.
-TUNINGS = {NOTHING: Tuning(), PACKAGE: Tuning(0.7, 0.0), REFERENCE: Tuning(), TORQUE: Tuning(0.5, 20.0, 4e-3)}
+TUNINGS = {NOTHING: Tuning(), PACKAGE: Tuning(0.7, 0.0), REFERENCE: Tuning(),
+           TORQUE: Tuning(0.5, 20.0, 4e-3)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -310,7 +311,7 @@ class Learner:
 
     """
 
-    def __init__(self, task: Task, setup: Setup, arm: Arm, course: Course) -> None:
+    def __init__(self, task: Task, setup: Setup, arm: Arm) -> None:
         n = arm.described.n
         self.way, self.tuning = task.learns, task.tuning
         self.added = self.best = np.zeros((N, n))
@@ -372,7 +373,7 @@ def run(task: Task) -> dict[str, Any]:
 def by_hand(task: Task, setup: Setup, robot: ForeignRobot, course: Course, law: Controller,
             arm: Arm) -> dict[str, Any]:
     """Run the loop with a way to learn that is written here."""
-    learner = Learner(task, setup, arm, course)
+    learner = Learner(task, setup, arm)
     end, trip = closed_loop(robot, law, course, learner, CASES[task.case])
     return {'end': end, 'trip': trip, 'frozen': learner.frozen}
 
@@ -396,17 +397,20 @@ class StopClock:
 class StoppedTable(LearnedTable):
     """A motion that is stopped, and goes on, as by the services of the reference node."""
 
-    stop: StopClock
-    is_interrupted = False
+    def __init__(self, stop: StopClock, learner: PackageLearner, *arguments: Any) -> None:
+        self._stop = stop
+        self._package_learner = learner
+        self._is_interrupted = False
+        super().__init__(learner, *arguments)
 
     def _fill(self) -> None:
-        self._clock = self.stop  # type: ignore[assignment]
+        self._clock = self._stop  # type: ignore[assignment]
         super()._fill()
 
     def _report(self, stamp: int, e: Array) -> None:
-        if stamp >= self.stop.stop.t0 and not self.is_interrupted:
-            self.is_interrupted = True
-            self._learner.interrupt(self.stop.at(self.stop.go_on.end).instant)
+        if stamp >= self._stop.stop.t0 and not self._is_interrupted:
+            self._is_interrupted = True
+            self._package_learner.interrupt(self._stop.at(self._stop.go_on.end).instant)
         super()._report(stamp, e)
 
 
@@ -418,35 +422,44 @@ def by_package(task: Task, setup: Setup, robot: ForeignRobot, course: Course, la
     setup = setup.changed({
         'plant': {'duration': robot.last * PERIOD_S}, 'reference': values,
         'controller': {'error_limit': DIVERGED_RAD}})
+    plant: Any = robot
+    start = dict(zip(setup.plant.joint_names, zip(*map(tuple, robot.measured))))
+    motion = make_motion(setup.reference, None, start)
+    row = {'end': '', 'trip': '', 'frozen': False}
     try:
-        learner = make_learner(setup, robot, law.model)
-        designed = filter_for(learner._motion, setup.reference, setup.controller, law.model)
-        table = LearnedTable
-        if CASES[task.case].stopped:
-            table = type('Table', (StoppedTable,), {'stop': StopClock(course)})
-        closed_loop_module.LearnedTable = table
-        run_closed_loop(setup.plant, setup.controller, setup.reference, robot=robot,
-                        model=law.model, learner=learner)
+        learner = make_learner(setup, plant, law.model)
+        designed = filter_for(motion_of(setup.reference, None, motion), setup.reference,
+                              setup.controller, law.model)
     except CtcError as error:
-        end = str(error)
-        if 'designed' not in locals():
-            return {'end': end, 'trip': '', 'frozen': False, 'cutoff': 0.0}
-    else:
-        end = ''
-    finally:
-        closed_loop_module.LearnedTable = LearnedTable
+        return row | {'end': f'refused: {error}'}
+    try:
+        if CASES[task.case].stopped:
+            table = StoppedTable(
+                StopClock(course), learner, motion, setup.reference, setup.controller,
+                robot.period_ns, robot.last + 1 + setup.controller.input_delay)
+            table.run(ClosedLoop(plant, law, table.rows))
+        else:
+            run_closed_loop(setup.plant, setup.controller, setup.reference, robot=plant,
+                            model=law.model, learner=learner)
+    except CtcError as error:
+        row['end'] = str(error)
+    _take_windows(course, learner, CASES[task.case])
+    return row | {'frozen': learner.state is LearningState.STOPPED, 'cutoff': designed.cutoff,
+                  'contraction': designed.contraction, 'problem': learner.problem}
+
+
+def _take_windows(course: Course, learner: PackageLearner, case: Case) -> None:
+    """Have a course the passes that a learner has measured, and the one that was stopped."""
     windows = [(p.begin, p.end) for p in learner.passes]
-    if CASES[task.case].stopped:
+    if case.stopped:
+        stopped = course.first[STOPPED_PASS], course.last[STOPPED_PASS]
+        before = [w for w in windows if w[0] < course.index[stopped[0]] * ForeignRobot.period_ns]
         later = round(1e9 * (STOP_S + SLOW_S))
-        at = course.index[course.first[STOPPED_PASS]] * 1e6
-        windows = [w if w[0] < at else (w[0] + later, w[1] + later) for w in windows]
-        windows.insert(STOPPED_PASS, (course.first[STOPPED_PASS] * 10 ** 6,
-                                      course.last[STOPPED_PASS] * 10 ** 6))
+        after = [(begin + later, end + later) for begin, end in windows[len(before):]]
+        windows = [*before, tuple(k * ForeignRobot.period_ns for k in stopped), *after]
     if windows:
-        course.first, course.last = np.rint(np.array(windows) / 1e6).astype(int).T
-    return {'end': end, 'trip': '', 'frozen': learner.state.name == 'STOPPED',
-            'cutoff': designed.cutoff, 'contraction': designed.contraction,
-            'problem': learner.problem}
+        samples = np.rint(np.array(windows) / ForeignRobot.period_ns)
+        course.first, course.last = samples.astype(int).T
 
 
 def closed_loop(robot: ForeignRobot, law: Controller, course: Course, learner: Learner,
@@ -472,8 +485,8 @@ def closed_loop(robot: ForeignRobot, law: Controller, course: Course, learner: L
             instants, errors = [], []
         if not robot.lost:
             q, dq = (x.tolist() for x in robot.measured)
-            points = table[k:k + delay + 1].tolist()
-            sample = law.try_step(q, dq, *points[0], points[1:], robot.stamp,
+            (q_d, dq_d, ddq_d), *ahead = table[k:k + delay + 1].tolist()
+            sample = law.try_step(q, dq, q_d, dq_d, ddq_d, ahead, robot.stamp,
                                   k * robot.period_ns)
             if sample is None:
                 return f'no finite torque at {k * PERIOD_S:.2f} s', trip
@@ -542,9 +555,10 @@ def scores(robot: ForeignRobot, course: Course) -> dict[str, Any]:
 def tasks(options: argparse.Namespace) -> Iterator[Task]:
     """Yield the runs of a study."""
     for seed in range(options.first, options.first + options.seeds):
-        for k, arm in enumerate(options.arms):
-            for j, engine in enumerate(options.engines):
-                if options.alternate and (k + j + seed) % 2:
+        for arm in options.arms:
+            for engine in options.engines:
+                which = list(ARMS).index(arm) + list(ENGINES).index(engine) + seed
+                if options.alternate and which % 2:
                     continue
                 for case in options.cases:
                     for law in options.laws:
