@@ -381,7 +381,7 @@ def by_hand(task: Task, setup: Setup, robot: ForeignRobot, course: Course, law: 
 class StopClock:
     """Path time with a stop, in the place of `PathClock`."""
 
-    t0 = 0
+    t0 = end = 0
 
     def __init__(self, course: Course) -> None:
         """Make the stop of a course."""
