@@ -62,6 +62,8 @@ def export(result: Result, path: str | Path) -> None:
     A NumPy file has these arrays.
 
     - ``t``, shape (N,), and ``q, dq, q_d, dq_d, ddq_d, tau, v``, shape (N, n).
+    - ``correction``, shape (N, 3, n), where one was learned: what the law's reference has beyond
+      ``q_d, dq_d, ddq_d``.
     - ``command_t``, shape (M,), and ``command``, shape (M, n): all torques sent.
     - Of a bag ``terms_t`` and ``nominal, compensation, robust, lyapunov``: terms of the law.
     - ``signals`` and ``origins``: whether each is recorded, computed exactly or not known.
@@ -98,14 +100,18 @@ def export(result: Result, path: str | Path) -> None:
         with replacing(path) as stream:
             _write_arrays(result, stream)
     elif path.suffix == '.csv':
-        arrays = {name: getattr(result.run, name) for name in _UNIT_SUFFIXES}
-        _write_csv(result, path, result.run.t, arrays)
+        _write_csv(result, path, result.run.t, _arrays(result))
         if result.commands is not None:
             _write_csv(
                 result, commands_path(path), result.commands.t, {'tau': result.commands.values}
             )
     else:
         raise ParameterError('path', str(path), 'a name that ends in .npz or .csv')
+
+
+def _arrays(result: Result) -> dict[str, Array]:
+    """Return the arrays that both formats have, each of shape (N, n)."""
+    return {name: getattr(result, name) for name in _UNIT_SUFFIXES}
 
 
 def _write_arrays(result: Result, stream: BinaryIO) -> None:
@@ -122,7 +128,8 @@ def _write_arrays(result: Result, stream: BinaryIO) -> None:
     origins = result.origins
     np.savez(
         stream,
-        **vars(result.run),
+        **{name: x for name, x in {**vars(result.run), **_arrays(result)}.items()
+           if x is not None},
         command_t=result.torque.t,
         command=result.torque.values,
         **law_terms,

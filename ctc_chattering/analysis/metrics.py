@@ -37,6 +37,8 @@ WINDOW = (5.0, 10.0)
 BAND = 0.15
 #: Warn of an RMS error above this share of the amplitude of the joint's desired motion.
 WARN_ERROR_SHARE = 0.1
+#: Least amplitude of a joint that is not to rest [rad], above the rounding of a correction.
+_LEAST_AMPLITUDE = 1e-12
 #: Numbers of the torque's variation, in the order of `_torque_changes`.
 _CHANGES = ('torque_variation_nm_per_s', 'max_torque_step_nm', 'max_torque_rate_nm_per_s')
 
@@ -119,7 +121,7 @@ def metrics(
         )
         return numbers
     # With the samples of a joint one after the other in memory, sums take a fifth of the time.
-    e = np.asfortranarray((run.q_d - run.q)[inside])
+    e = np.asfortranarray(run.e[inside])
     numbers |= {
         'rms_error_rad': rms(e).tolist(),
         'max_error_norm1_rad': float(np.abs(e).sum(axis=1).max()),
@@ -149,9 +151,10 @@ def error_shares(run: Run, rms_error: Sequence[float]) -> Array:
         RMS error of each joint [rad].
 
     """
-    amplitude = 0.5 * np.ptp(run.q_d, axis=0)
+    q_d, _, _ = run.desired
+    amplitude = 0.5 * np.ptp(q_d, axis=0)
     shares: Array = np.zeros_like(amplitude)
-    np.divide(rms_error, amplitude, out=shares, where=amplitude > 0.0)
+    np.divide(rms_error, amplitude, out=shares, where=amplitude > _LEAST_AMPLITUDE)
     return shares
 
 

@@ -69,6 +69,11 @@ def _run_array(name: str, quantity: str) -> Any:
     return property(lambda result: getattr(result.run, name), doc=f'Return {quantity}.')
 
 
+def _desired_array(order: int, quantity: str) -> Any:
+    """Return a property with an array of `run` without its correction."""
+    return property(lambda result: result.run.desired[order], doc=f'Return {quantity}.')
+
+
 class _RunArrays:
     """Arrays of a run as attributes of its result."""
 
@@ -76,9 +81,9 @@ class _RunArrays:
     t: Array = _run_array('t', 'the time, shape (N,) [s]')
     q: Array = _run_array('q', 'the position, shape (N, n) [rad]')
     dq: Array = _run_array('dq', 'the velocity, shape (N, n) [rad/s]')
-    q_d: Array = _run_array('q_d', 'the desired position, shape (N, n) [rad]')
-    dq_d: Array = _run_array('dq_d', 'the desired velocity, shape (N, n) [rad/s]')
-    ddq_d: Array = _run_array('ddq_d', 'the desired acceleration, shape (N, n) [rad/s²]')
+    q_d: Array = _desired_array(0, 'the desired position, shape (N, n) [rad]')
+    dq_d: Array = _desired_array(1, 'the desired velocity, shape (N, n) [rad/s]')
+    ddq_d: Array = _desired_array(2, 'the desired acceleration, shape (N, n) [rad/s²]')
     e: Array = _run_array('e', 'the position error q_d - q, shape (N, n) [rad]')
     de: Array = _run_array('de', 'the velocity error dq_d - dq, shape (N, n) [rad/s]')
     tau: Array = _run_array(
@@ -194,7 +199,7 @@ class Result(_RunArrays):
         """Return all signals by the names in plots.js."""
         run, law = self.run, self.terms
         signs = {'nominal': 1.0, 'compensation': -1.0, 'robust': -1.0}
-        at_states = {'q': run.q, 'dq': run.dq, 'q_d': run.q_d, 'e': run.e}
+        at_states = {'q': run.q, 'dq': run.dq, 'q_d': self.q_d, 'e': run.e}
         at_terms = {
             'v': law.v,
             'V': law.lyapunov[:, None],

@@ -67,7 +67,7 @@ import numpy as np
 #: Endings of the names of a bag's files.
 _FILE_ENDINGS = (METADATA, '.mcap', '.db3', '.mcap.zstd', '.db3.zstd')
 #: Topics of what the controller publishes of every Nth sample.
-_TRACKING = f'controller/{topics.TRACKING}'
+TRACKING_TOPIC = f'controller/{topics.TRACKING}'
 _FILTER = f'controller/{topics.FILTER}'
 _TORQUES = f'controller/{topics.TORQUES}'
 
@@ -122,10 +122,10 @@ def find_bags(directory: Path) -> list[Path]:
 
 def _read_run(bag: Bag, replacements: Mapping[str, object]) -> Result:
     """Return the run, with user classes for those that the bag names."""
-    history = _read_configs(bag, replacements)
+    history = read_configs(bag, replacements)
     since, config = history[0]
     period = period_ns(config.control_period)
-    signals = _read_signals(bag, config.joint_names)
+    signals = read_run_signals(bag, config.joint_names)
     reference = read_reference(bag, config.joint_names)
     start = reference.start
     states = _order(bag, signals[topics.JOINT_STATES], since, period)
@@ -145,7 +145,8 @@ def _read_run(bag: Bag, replacements: Mapping[str, object]) -> Result:
     t = (states.stamps - start) / NANOSECONDS
     q, dq = states.values
     q_d, dq_d, ddq_d = reference.at(states.stamps).transpose(1, 0, 2)
-    tracking = signals[_TRACKING]
+    desired = read_reference(bag, config.joint_names, topics.DESIRED)
+    tracking = signals[TRACKING_TOPIC]
     if any(continuous) and len(tracking.stamps):
         q = unwrapped(t, q, dq, continuous)
         q = _follow_controller(states.stamps, q, tracking, continuous)
@@ -164,7 +165,8 @@ def _read_run(bag: Bag, replacements: Mapping[str, object]) -> Result:
         dq_d,
         ddq_d,
         tau,
-        v=np.full_like(q, np.nan))
+        v=np.full_like(q, np.nan),
+        correction=reference.correction_at(states.stamps, desired))
 
     torque = None
     replay = Replay(ReplayVerdict.NOT_ONE_TO_ONE)
@@ -193,7 +195,7 @@ def _read_run(bag: Bag, replacements: Mapping[str, object]) -> Result:
         off_reference=_find_off_reference(tracking, reference, period))
 
 
-def _read_configs(
+def read_configs(
         bag: Bag,
         replacements: Mapping[str, object]) -> list[tuple[int, ControllerConfig]]:
     """Return the controller's configurations and their times [ns]."""
@@ -219,7 +221,7 @@ def _select_in_force(
     return [initial, *(item for item in changes if item[0] <= last)]
 
 
-def _read_signals(bag: Bag, joints: tuple[str, ...]) -> dict[str, Signal]:
+def read_run_signals(bag: Bag, joints: tuple[str, ...]) -> dict[str, Signal]:
     """
     Return the joints' signals by topic.
 
@@ -232,7 +234,7 @@ def _read_signals(bag: Bag, joints: tuple[str, ...]) -> dict[str, Signal]:
         topics.COMMANDS: (MULTI_ARRAY, ('data',), joints),
         _TORQUES: (JOINT_STATE, ('effort',), (*terms, 'V')),
         _FILTER: (JOINT_STATE, ('velocity',), joints),
-        _TRACKING: (JOINT_STATE, ('position',), tuple(tracked))}
+        TRACKING_TOPIC: (JOINT_STATE, ('position',), tuple(tracked))}
     requests = []
     for name, (message_type, fields, names) in columns.items():
         connections = tuple(x for x in bag.named(name) if x.msgtype == message_type)

@@ -28,7 +28,7 @@ from ctc_chattering.bags.bag import Bag
 from ctc_chattering.bags.signals import Instants
 from ctc_chattering.configuration.topics import REFERENCE, select, TOPICS
 from ctc_chattering.errors import CtcError
-from ctc_chattering.numerics.angles import unwrapped
+from ctc_chattering.numerics.angles import TURN, unwrapped
 from ctc_chattering.numerics.interpolation import quintic
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds
@@ -65,6 +65,20 @@ class RecordedReference(NamedTuple):
         points[:, 0] = unwrapped(seconds, q, dq, continuous)
         return self._replace(points=points)
 
+    def correction_at(self, instants: Instants, desired: RecordedReference) -> Array | None:
+        """
+        Return what it has beyond the desired motion, shape (N, 3, n).
+
+        It is nan where that motion is not known, and None if nothing of it was recorded.
+        """
+        if not len(desired.t):
+            return None
+        correction = self.at(instants) - desired.at(np.maximum(instants, desired.t[0]))
+        correction[:, 0] -= TURN * np.rint(correction[:, 0] / TURN)
+        before = self.t[np.searchsorted(self.t, instants, side='right') - 1]
+        correction[np.isin(before, desired.t, invert=True)] = np.nan
+        return correction
+
     def at(self, instants: Instants) -> Array:
         """
         Return the points at some instants, shape (N, 3, n).
@@ -98,16 +112,17 @@ class RecordedReference(NamedTuple):
         return points
 
 
-def read_reference(bag: Bag, joints: tuple[str, ...]) -> RecordedReference:
+def read_reference(bag: Bag, joints: tuple[str, ...], topic: str = REFERENCE
+                   ) -> RecordedReference:
     """
-    Return the recorded reference of some joints.
+    Return the recorded reference of some joints, of `DESIRED` without its correction.
 
     Chunks that the controller refuses are left out.
     """
     chunks: list[tuple[Instants, Array]] = []
     start = 0
-    message_type = TOPICS[REFERENCE].kind
-    connections = [x for x in bag.named(REFERENCE) if x.msgtype == message_type]
+    message_type = TOPICS[topic].kind
+    connections = [x for x in bag.named(topic) if x.msgtype == message_type]
     for _, message in bag.read(connections):
         try:
             t, points = _read_chunk(message, joints)

@@ -29,7 +29,8 @@ from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_bag, add_number, add_output, add_own, own
 from ctc_chattering.errors import as_ctc_error, CtcError, ParameterError, UsageError
 from ctc_chattering.input_files import check_regular
-from ctc_chattering.number_format import format_count
+from ctc_chattering.number_format import format_count, format_number
+from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.output_folder import check_folder, new_folder
 from ctc_chattering.parameters import LEAST
 
@@ -102,6 +103,43 @@ def run_export(options: argparse.Namespace) -> int:
         print(f'{len(result.torque.t)} torques were written to {commands_path(path)}')
     for note in result.metrics()['notes']:
         print(note)
+    return 0
+
+
+def learn_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc learn`."""
+    add_bag(parser)
+    add_own(parser)
+    parser.add_argument('-o', '--out', type=Path, metavar='F', default=Path('learned.npz'),
+                        help='File to write. Default: learned.npz.')
+    parser.add_argument('--overwrite', action='store_true', help='Replace a learned file.')
+
+
+def run_learn(options: argparse.Namespace) -> int:
+    """Run `ctc learn`."""
+    from ctc_chattering.analysis.tables import print_columns
+    from ctc_chattering.bags.recorded_passes import learn_from_bag
+    from ctc_chattering.learning.learned_file import check_replaceable, write_correction
+    from ctc_chattering.learning.learner import LearningState
+
+    check_replaceable(options.out, options.overwrite)
+    learned = learn_from_bag(options.bag, own(options))
+    learner, motion = learned.learner, learned.learner.motion
+    heads = 'pass', 'from [s]', 'to [s]', *learned.reference.joint_names
+    passes = [
+        (str(k), f'{seconds(x.begin):.4g}', f'{seconds(x.end):.4g}', *map(format_number, x.rms))
+        for k, x in enumerate(learner.passes, 1)]
+    print('RMS error of each joint [rad]')
+    print_columns([heads, *passes])
+    for t, reason in learned.left_out:
+        print(f'a pass was left out at {t:.4g} s, because {reason}')
+    if learner.state is not LearningState.LEARNING:
+        print(f'learning {learner.state.value}')
+    if motion is None or learner.rows is None:
+        raise CtcError(f'{options.bag}: there is no whole pass to learn from')
+    write_correction(options.out, learner.rows, motion, *learned[1:4])
+    print(f'the correction was written to {options.out}; to begin with it, give the reference '
+          f'learning: true and learning_file: {options.out}')
     return 0
 
 

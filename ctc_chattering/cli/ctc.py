@@ -101,6 +101,11 @@ COMMANDS = {
         'The command writes trajectory.npz, which also holds the gains, or trajectory.csv. Both '
         'have the names and units of the joints. Torques with time stamps of their own are '
         'written to trajectory_commands.csv.'),
+    'learn': Command(
+        'bags', 'Learn a correction of the reference from the passes in a bag.',
+        'The correction makes the same motion more accurate with the same law and robot. The '
+        'command writes a file for learning_file of the reference, and prints the RMS error of '
+        'each pass. The bag may be recorded with or without learning.'),
     'replay': Command(
         'bags', 'Publish the messages of a bag on their topics again.',
         'The messages keep their original timing unless --rate changes it.'),

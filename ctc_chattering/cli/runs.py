@@ -73,6 +73,8 @@ def compare_options(parser: argparse.ArgumentParser) -> None:
                              'Default: 0. [at least 0]')
     parser.add_argument('--seed', type=int, default=SEED, metavar='S',
                         help=f'Seed of the random conditions of --held-out. Default: {SEED}.')
+    add_number(parser, '--passes', 'Show how every law learns in N passes of a periodic motion',
+               minimum=1, maximum=100)
     add_jobs(parser)
     add_output(parser)
 
@@ -87,7 +89,7 @@ def run_compare(options: argparse.Namespace) -> int:
             ('laws', 'condition', 'held_out', 'seed')):
         spec = ComparisonSpec(
             options.files, options.laws, options.condition, options.gains, options.held_out,
-            options.seed, options.cases)
+            options.seed, options.cases, options.passes or 0)
         rows = compare(
             spec, out=options.out, jobs=options.jobs, overwrite=options.overwrite, show=say,
             progress=show, extra=options.format, command=options.said)
@@ -136,7 +138,7 @@ def _explain(runs: MapRuns, options: argparse.Namespace) -> int:
                     for name, x in runs.columns(run).items() if name not in ('law', 'switching')))
     values = runs.setup(run).values
     for parameters in values.values():
-        for name in {'description', 'trajectory_file'} & parameters.keys():
+        for name in {'description', 'trajectory_file', 'learning_file'} & parameters.keys():
             if (location := parameters[name]) and '://' not in location:
                 parameters[name] = str(Path(location).resolve())
     values['plant']['experiment'] = name = f'run_{run}'

@@ -30,6 +30,8 @@ from ctc_chattering.errors import RejectedMessage
 JOINT_STATES = 'joint_states'
 COMMANDS = 'effort_controller/commands'
 REFERENCE = 'reference'
+#: The same without the correction that the reference has learned, where it learns.
+DESIRED = 'reference/desired'
 CLOCK = 'clock'
 #: Topic under ``~/`` of the reference, for waypoints.
 JOINT_TRAJECTORY = 'joint_trajectory'
@@ -80,6 +82,7 @@ TOPICS = {topic.name: topic for topic in (
     Topic(COMMANDS, 'std_msgs/msg/Float64MultiArray', ('plant', 'recorder')),
     Topic(REFERENCE, 'trajectory_msgs/msg/JointTrajectory', ('controller', 'recorder'),
           depth=100),
+    Topic(DESIRED, 'trajectory_msgs/msg/JointTrajectory', ('recorder',), depth=100),
     Topic(CLOCK, 'rosgraph_msgs/msg/Clock', ('reference', 'bringup', 'recorder'), depth=100),
     Topic(f'reference/{JOINT_TRAJECTORY}', 'trajectory_msgs/msg/JointTrajectory',
           ('reference', 'recorder')),

@@ -116,6 +116,14 @@ class Requests:
         """Have the reference stop or go home."""
         self._send(action, Trigger, f'reference/{action}')
 
+    def learning(self, action: str) -> None:
+        """Have the reference freeze, resume or reset its learning."""
+        if action == 'reset':
+            self._send('reset learning', Trigger, 'reference/reset_learning')
+        else:
+            self._send(f'{action} learning', SetBool, 'reference/freeze_learning',
+                       data=action == 'freeze')
+
     def guide(self, on: bool) -> None:
         """Begin or end guiding by hand."""
         self._send('guide by hand' if on else 'hold', SetBool, 'controller/guide', data=on)

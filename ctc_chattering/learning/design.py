@@ -32,10 +32,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from itertools import product
 
+from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.laws.registry import law_class
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.learning.learner import MAX_GAP_NS
 from ctc_chattering.learning.learning_filter import ComplexArray, LearningFilter, low_pass
 from ctc_chattering.learning.motion import RepeatedMotion
 from ctc_chattering.margins.linear_law import is_proportional, linear_law
@@ -77,7 +81,7 @@ def filter_for(motion: RepeatedMotion, reference: ReferenceConfig, controller: C
     controller : ControllerConfig
         Law, gains, and what is known of the loop.
     model : Model
-        Model of the controller.
+        Model of the controller, without its payload.
 
     Raises
     ------
@@ -88,8 +92,14 @@ def filter_for(motion: RepeatedMotion, reference: ReferenceConfig, controller: C
     names = controller.joint_names
     if {*names} != {*reference.joint_names}:
         raise CtcError('learning: the reference must have the joints of the controller')
+    if controller.state_decimation * period_ns(controller.control_period) > MAX_GAP_NS:
+        raise CtcError(f'learning: with state_decimation {controller.state_decimation}, errors '
+                       f'come too rarely; allowed: one in {seconds(MAX_GAP_NS):g} s or less')
     to_controller = [reference.joint_names.index(name) for name in names]
     to_reference = [names.index(name) for name in reference.joint_names]
+    unscaled = controller.changed({'inertia_scale': 1.0, 'gravity_scale': 1.0})
+    model = Controller(unscaled, model).model  # With its payload, of which the law then is free.
+    controller = controller.changed({'payload_mass': 0.0})
     masses = [np.array(model.mass_matrix([q[i] for i in to_controller]))
               for q in motion.positions()]
     designed = design_filter(
@@ -160,21 +170,33 @@ def _designed(config: ControllerConfig, masses: tuple[tuple[tuple[float, ...], .
 def _responses(config: ControllerConfig, masses: Sequence[Array], period: float,
                frequencies: Array) -> ComplexArray:
     """
-    Return T at frequencies [Hz], shape (masses and lags, ratios, K, n, n).
+    Return T at frequencies [Hz], shape (loops, ratios, K, n, n).
 
-    For a law that is not linear, T is that of its equations without the robust term, and 1 as for
-    ideal sliding.
+    A law that acts on v need not be linear, or its linear loop stable: it then switches. T is that
+    of its equations without the robust term, and 1 as for ideal sliding.
+    """
+    try:
+        return _linear_responses(config, masses, period, frequencies)
+    except CtcError:
+        if not law_class(config.law).acts_on_v:
+            raise
+    without_term = config.changed({'law': 'compensation'})
+    linear = _linear_responses(without_term, masses, period, frequencies)
+    sliding = np.broadcast_to(np.eye(len(masses[0]), dtype=complex), (1, *linear.shape[1:]))
+    return np.concatenate([sliding, linear])
+
+
+def _linear_responses(config: ControllerConfig, masses: Sequence[Array], period: float,
+                      frequencies: Array) -> ComplexArray:
+    """
+    Return T of a linear law, shape (loops, ratios, K, n, n).
+
+    Loops have the lag that is known and the one that is assumed, and the velocity of a difference
+    and of a sensor. Those that are unstable are left out, since the robot is not theirs.
     """
     omega = 2.0 * np.pi * frequencies
     identity = np.eye(len(masses[0]))
-    responses = []
-    try:
-        laws = [linear_law(config, identity, with_reference=True)]
-    except CtcError:
-        config = config.changed({'law': 'compensation'})
-        laws = [linear_law(config, identity, with_reference=True)]
-        shape = 1, len(_RATIOS), len(omega), *identity.shape
-        responses.append(np.broadcast_to(identity.astype(complex), shape))
+    laws = [linear_law(config, identity, with_reference=True)]
     of_first = linear_law(config, masses[0], with_reference=True)
     if is_proportional(of_first, laws[0], masses[0]):
         masses = [identity]  # T does not depend on M̂.
@@ -182,11 +204,11 @@ def _responses(config: ControllerConfig, masses: Sequence[Array], period: float,
         others = [linear_law(config, mass, with_reference=True) for mass in masses[1:]]
         laws = [of_first, *others]
     stable = []
-    for lag in {config.known_lag, config.assumed_lag}:
-        loops = Loops(laws, masses, period, np.array(lag), config.input_delay, differenced=True)
+    for lag, differenced in product({config.known_lag, config.assumed_lag}, (True, False)):
+        loops = Loops(laws, masses, period, np.array(lag), config.input_delay, differenced)
         if loops.radius() < 1.0:
             of_ratios = [reference_response(loops, omega, ratio) for ratio in _RATIOS]
             stable.append(np.stack(of_ratios, axis=1))
     if not stable:
         raise CtcError(f'learning: law {config.law} is unstable with these gains, lag and delay')
-    return np.concatenate([*responses, *stable])
+    return np.concatenate(stable)

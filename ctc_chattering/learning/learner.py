@@ -24,15 +24,15 @@ periodic motion lie `LEAD_NS`, since the reference is published ahead, and `FADE
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-import dataclasses
 from enum import Enum
-from math import inf, pi
 from typing import NamedTuple
 
 from ctc_chattering.errors import CtcError
-from ctc_chattering.learning.correction import CorrectedMotion, Correction, NoCorrection
+from ctc_chattering.learning.correction import ConstantCorrection, CorrectedMotion, Correction
 from ctc_chattering.learning.learning_filter import LearningFilter
 from ctc_chattering.learning.motion import RepeatedMotion
+from ctc_chattering.learning.progress import Pass, Progress
+from ctc_chattering.numerics.angles import TURN
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.trajectory.joint_limits import describe_violations, JointLimits
@@ -43,24 +43,31 @@ import numpy as np
 LEAD_NS = NANOSECONDS // 2
 #: Time in which one correction passes into another [s].
 FADE_S = 0.25
+#: Time from the begin of waypoints in which their correction begins [s].
+_ENTRY_S = 0.05
 #: Time from the start of a periodic motion to its first pass [ns].
 _SETTLING_NS = NANOSECONDS
 #: Longest time between two errors of a pass [ns].
-_MAX_GAP_NS = NANOSECONDS // 10
+MAX_GAP_NS = NANOSECONDS // 10
 #: Time by which waypoints are extended for the filter, so that their end passes into their begin
 #: [s].
 _LEAD_OUT_S = 1.0
-#: Error over the least one, and over that of the first pass, from which on it is growing.
-_GROWTH = 2.0
-_GROWTH_FROM_FIRST = 1.1
-#: Error over that of the pass before, below which it recovers.
-_RECOVERY = 0.7
-#: Passes in a row with a growing error after which learning stops.
-_MAX_GROWING_PASSES = 2
 #: Rounding of a reported reference [rad].
 _ROUNDING = 1e-6
 #: Number of points of a pass at which limits are checked.
 _LIMIT_CHECKS = 500
+#: Share of a joint's correction below which it has none, for the sake of limits.
+_LEAST_SHARE = 0.1
+
+
+def duration_of_passes(motion: RepeatedMotion, count: int) -> int:
+    """
+    Return the time that passes of a periodic motion take from path time 0 [ns].
+
+    Pass k begins at that of k passes, if each of them changes the correction.
+    """
+    between = LEAD_NS + round(FADE_S * NANOSECONDS)
+    return motion.start + _SETTLING_NS + count * (motion.duration + between)
 
 
 class LearningState(Enum):
@@ -69,66 +76,17 @@ class LearningState(Enum):
     LEARNING = 'learning'
     FROZEN = 'frozen'
     STOPPED = 'stopped, because the error grew over two passes'
+    REFUSED = 'refused'
+    IDLE = 'waiting for a motion that is repeated'
 
 
-class Pass(NamedTuple):
-    """A pass with its errors."""
-
-    #: Path time of its begin and end [ns].
-    begin: int
-    end: int
-    #: RMS of each joint's error from the desired motion, shape (n,) [rad].
-    rms: tuple[float, ...]
-
-
-class _ReportedError(NamedTuple):
+class _ErrorSample(NamedTuple):
     """An error that the controller reported."""
 
     s: int
     #: Correction of the reference, and error from the desired motion, shape (n,) [rad].
     correction: Array
     e: Array
-
-
-@dataclasses.dataclass
-class _Progress:
-    """What was learned of a motion."""
-
-    passes: list[Pass] = dataclasses.field(default_factory=list)
-    #: Correction in force, shape (N, n) [rad], None for none; and that with the least error.
-    rows: Array | None = None
-    best_rows: Array | None = None
-    #: Errors of all joints, the root of the sum of their squares [rad].
-    first_error: float = inf
-    least_error: float = inf
-    last_error: float = inf
-    growing_passes: int = 0
-
-    @property
-    def is_stopped(self) -> bool:
-        return self.growing_passes >= _MAX_GROWING_PASSES
-
-    def judge(self, error: float) -> None:
-        """Take the error of a pass, and return to the best correction where errors grow."""
-        limit = min(_GROWTH * self.least_error, _GROWTH_FROM_FIRST * self.first_error)
-        recovers = error < _RECOVERY * self.last_error
-        if self.growing_passes and recovers:
-            self.forget_errors()  # Something else has changed, such as the load.
-        if not error > limit or recovers:
-            self.growing_passes = 0
-        else:
-            self.growing_passes += 1
-        if error < self.least_error:
-            self.least_error, self.best_rows = error, self.rows
-        if self.last_error == inf:
-            self.first_error = error
-        self.last_error = error
-        if self.is_stopped:
-            self.rows = self.best_rows
-
-    def forget_errors(self) -> None:
-        """Judge the next pass by itself."""
-        self.first_error = self.least_error = self.last_error = inf
 
 
 class Learner:
@@ -153,6 +111,14 @@ class Learner:
     ----------
     problem : str
         Why the last pass has changed nothing, if so.
+    refusal : str
+        Why learning need not converge, if so. Nothing is then learned.
+    limits : sequence of JointLimits, length n, or None
+        Limits that the corrected motion must keep.
+    motion : RepeatedMotion or None
+        The present one.
+    applied : TimedMotion
+        The correction in force.
     is_frozen : bool
         Whether corrections stay as they are.
 
@@ -164,20 +130,26 @@ class Learner:
         self._bound = bound
         self._period = period
         self._filter_of = filter_of
-        self._limits = limits
+        self.limits = limits
         self.problem = ''
+        self.refusal = ''
         self.is_frozen = False
-        self._none = NoCorrection(n)
-        self._applied: TimedMotion = self._none
-        self._progress: dict[str, _Progress] = {}
-        self._motion: RepeatedMotion | None = None
+        self._none = ConstantCorrection((0.0,) * n)
+        self.applied: TimedMotion = self._none
+        self._progress: dict[str, Progress] = {}
+        self.motion: RepeatedMotion | None = None
         #: Path time at which the present pass begins [ns], None while none is measured.
         self._begin: int | None = None
-        self._samples: list[_ReportedError] = []
+        self._samples: list[_ErrorSample] = []
 
     @property
-    def _present(self) -> _Progress:
-        return self._progress[self._motion.name] if self._motion else _Progress()
+    def _present(self) -> Progress:
+        return self._progress[self.motion.name] if self.motion else Progress()
+
+    @property
+    def is_measuring(self) -> bool:
+        """Return whether there are errors of a pass that has not ended."""
+        return bool(self._samples)
 
     @property
     def passes(self) -> list[Pass]:
@@ -192,29 +164,48 @@ class Learner:
     @property
     def state(self) -> LearningState:
         """Return what it does with its passes."""
+        if self.refusal:
+            return LearningState.REFUSED
         if self.is_frozen:
             return LearningState.FROZEN
+        if self.motion is None:
+            return LearningState.IDLE
         return LearningState.STOPPED if self._present.is_stopped else LearningState.LEARNING
+
+    @property
+    def outcome(self) -> str:
+        """Return in words what comes of the passes."""
+        return self.refusal or self.problem or self.state.value
+
+    @property
+    def report(self) -> str:
+        """Return the last pass and its outcome in words."""
+        if not self.passes:
+            return f'no pass yet: {self.outcome}'
+        return (f'pass {len(self.passes)}: the RMS error of the worst joint is '
+                f'{max(self.passes[-1].rms):.3g} rad; {self.outcome}')
 
     def corrected(self, motion: TimedMotion) -> TimedMotion:
         """Return a motion with the correction in force."""
-        return CorrectedMotion(motion, self._applied)
+        return CorrectedMotion(motion, self.applied)
 
     def known_until(self) -> int | None:
         """Return the path time before which the correction is final [ns], None for ever."""
-        motion = self._motion
-        is_changing = motion is not None and motion.is_periodic and self._begin is not None
-        if not is_changing or self.state is not LearningState.LEARNING:
+        motion, state = self.motion, self.state
+        may_change = state is LearningState.LEARNING or (
+            state is LearningState.STOPPED and self.rows is not None)
+        if motion is None or not motion.is_periodic or self._begin is None or not may_change:
             return None
         return self._end + LEAD_NS
 
     @property
     def _end(self) -> int:
         """Path time at which the present pass ends [ns]."""
-        assert self._begin is not None and self._motion is not None
-        return self._begin + self._motion.duration
+        assert self._begin is not None and self.motion is not None
+        return self._begin + self.motion.duration
 
-    def follow(self, motion: RepeatedMotion | None, begin: int, rows: Array | None = None) -> None:
+    def follow(self, motion: RepeatedMotion | None, begin: int, rows: Array | None = None,
+               fade: float = FADE_S) -> None:
         """
         Pass into the correction of another motion.
 
@@ -226,29 +217,36 @@ class Learner:
             Path time from which it is followed [ns].
         rows : array, shape (N, n), optional
             Its correction, if it was learned before [rad].
+        fade : float
+            Time in which its correction replaces the present one [s].
 
         """
         if self._begin is not None and begin >= self._end:
             self._finish()
-        self._motion = motion
+        self.motion = motion
         self._samples = []
         self._begin = None
         if motion is None:
-            self._fade(begin)
+            self._fade(begin, fade)
             return
-        progress = self._progress.setdefault(motion.name, _Progress())
+        progress = self._progress.setdefault(motion.name, Progress())
         if rows is not None:
             progress.rows = rows
         if motion.is_periodic:
             self._begin = begin + _SETTLING_NS
         elif begin <= motion.begin:
             self._begin = motion.begin
-        self._fade(begin)
+        self._fade(begin, fade)
+
+    def remember(self, name: str, rows: Array) -> None:
+        """Take the correction of a motion that is yet to be followed, shape (N, n) [rad]."""
+        self._progress[name] = Progress(rows=rows)
 
     def reset(self, begin: int) -> None:
         """Forget what was learned, and pass into no correction from path time `begin` [ns] on."""
         self._progress.clear()
-        self.follow(self._motion, begin)
+        self._begin = None
+        self.follow(self.motion, begin)
 
     def interrupt(self, until: int | None) -> None:
         """
@@ -257,15 +255,20 @@ class Learner:
         Parameters
         ----------
         until : int or None
-            Path time at which the next one begins [ns], None for that of the next error. Waypoints
-            are measured from their begin only.
+            Path time from which the motion is followed at another speed [ns], None for that of the
+            next error. The next pass begins a second later. Waypoints are measured from their
+            begin only.
 
         """
         self._samples = []
-        self._present.forget_errors()
-        self._begin = until if self._motion and self._motion.is_periodic else None
+        self._begin = None
+        if until is not None:
+            self._present.forget_errors()
+            if self.motion and self.motion.is_periodic:
+                self._begin = until + _SETTLING_NS
 
-    def add(self, s: int, q_d: Sequence[float], e: Sequence[float]) -> None:
+    def add(self, s: int, q_d: Sequence[float], e: Sequence[float],
+            correction: Sequence[float] | None = None) -> None:
         """
         Take an error that the controller reports.
 
@@ -275,25 +278,33 @@ class Learner:
             Path time of its stamp [ns].
         q_d, e : sequence of float, shape (n,)
             Position of the corrected reference, and error from it [rad].
+        correction : sequence of float, shape (n,), optional
+            Correction of the reference, by default that in force [rad].
 
         """
-        motion = self._motion
+        motion = self.motion
         if motion is None or (self._begin is None and not motion.is_periodic):
             return
         if self._begin is None:
-            self._begin = s
+            self._begin = s + _SETTLING_NS
         if s >= self._end:
             self._finish()
         if self._begin is None or s < self._begin:
             return
-        position, _, _ = motion.motion.at(s)
-        turns = np.array(q_d) - position
-        correction = turns - 2.0 * pi * np.rint(turns / (2.0 * pi))
-        self._samples.append(_ReportedError(s, correction, np.array(e) - correction))
+        r = np.array(self.applied.at(s)[0] if correction is None else correction)
+        q, dq, _ = map(np.array, motion.motion.at(s))
+        distance = np.array(q_d) - q - r
+        distance -= TURN * np.rint(distance / TURN)
+        # The controller takes a state at its sample, and not at its stamp.
+        if (np.abs(distance) > seconds(self._period) * np.abs(dq) + _ROUNDING).any():
+            self.interrupt(None)
+            self.problem = 'the controller or its reference left the motion'
+            return
+        self._samples.append(_ErrorSample(s, r, np.array(e) - r))
 
     def _finish(self) -> None:
         """End a pass, and begin the next one."""
-        motion, begin, end = self._motion, self._begin, self._end
+        motion, begin, end = self.motion, self._begin, self._end
         assert motion is not None and begin is not None
         samples, self._samples = self._samples, []
         before = self._present.rows
@@ -311,21 +322,19 @@ class Learner:
                 self._fade(change)
                 self._begin = change + round(FADE_S * NANOSECONDS)
 
-    def _learn(self, motion: RepeatedMotion, begin: int, end: int,
-               samples: Sequence[_ReportedError]) -> None:
+    def _learn(self, motion: RepeatedMotion, begin: int, end: int, samples: Sequence[_ErrorSample]
+               ) -> None:
         """Judge a pass, and make the correction of the next; raise `CtcError` if it cannot."""
         progress = self._present
         stamps = np.array([begin, *(sample.s for sample in samples), end])
         gap = int(np.diff(stamps).max())
-        if gap > _MAX_GAP_NS:
+        if gap >= min(MAX_GAP_NS, (end - begin + 1) // 2):
             raise CtcError(f'errors of {seconds(gap):.3g} s are missing in the pass')
         correction = np.array([sample.correction for sample in samples])
         e = np.array([sample.e for sample in samples])
-        if np.abs(correction).max() > self._bound + _ROUNDING:
-            raise CtcError('the controller did not follow the reference in the pass')
         rms = np.sqrt((e ** 2).mean(axis=0))
         progress.passes.append(Pass(begin, end, tuple(rms.tolist())))
-        if self.state is not LearningState.LEARNING:
+        if self.is_frozen or self.refusal:
             return
         progress.judge(float(np.linalg.norm(rms)))
         if progress.is_stopped:
@@ -344,25 +353,34 @@ class Learner:
         rows = learning_filter.update(correction, e, interval / NANOSECONDS, lead_out)
         excess = np.abs(rows).max(axis=0) / self._bound
         rows = rows / np.maximum(excess, 1.0)
-        self._check_limits(motion, rows)
-        progress.rows = rows
+        progress.rows = self._within_limits(motion, rows)
 
-    def _check_limits(self, motion: RepeatedMotion, rows: Array) -> None:
-        """Raise `CtcError` if a corrected motion exceeds limits."""
-        if self._limits is None:
-            return
-        corrected = CorrectedMotion(motion.motion, Correction(motion, rows))
-        instants = np.linspace(0, motion.duration, _LIMIT_CHECKS).astype(int).tolist()
-        points = [corrected.at(motion.begin + t) for t in instants]
-        if violations := describe_violations(self._limits, points):
-            raise CtcError(f'the corrected motion is beyond the limits: {violations}')
+    def _within_limits(self, motion: RepeatedMotion, rows: Array) -> Array:
+        """Return a correction with the share of each joint that keeps its limits, shape (N, n)."""
+        instants = (motion.begin + np.linspace(0, motion.duration, _LIMIT_CHECKS)).astype(int)
+        correction = Correction(motion, rows)
+        desired, added = (np.array([x.at(t) for t in instants.tolist()])
+                          for x in (motion.motion, correction))
+        shares = np.ones(rows.shape[1])
+        for i, limits in enumerate(self.limits or ()):
+            while shares[i] and describe_violations(
+                    [limits], (desired + shares * added)[:, :, [i]].tolist()):
+                shares[i] = 0.5 * shares[i] if shares[i] > _LEAST_SHARE else 0.0
+        return rows * shares
 
-    def _fade(self, begin: int) -> None:
+    def _fade(self, begin: int, duration: float = FADE_S) -> None:
         """Pass into the correction of the present motion from path time `begin` [ns] on."""
-        while isinstance(self._applied, Transition) and begin >= self._applied.end:
-            self._applied = self._applied.target
+        while isinstance(self.applied, Transition) and begin >= self.applied.end:
+            self.applied = self.applied.target
         rows = self._present.rows
         target: TimedMotion = self._none
-        if self._motion is not None and rows is not None:
-            target = Correction(self._motion, rows)
-        self._applied = Transition(self._applied, target, begin, FADE_S)
+        if self.motion is not None and rows is not None:
+            target = Correction(self.motion, rows)
+            present, _, _ = self.applied.at(begin)
+            offset = np.array(present) - rows[0]
+            is_within = (np.abs(rows).max(axis=0) + np.abs(offset) <= self._bound).all()
+            if begin <= self.motion.begin and not self.motion.is_periodic and is_within:
+                # Most errors are those of the start. So it soon is complete but for an offset.
+                shifted = CorrectedMotion(target, ConstantCorrection(offset.tolist()))
+                self.applied = Transition(self.applied, shifted, begin, _ENTRY_S)
+        self.applied = Transition(self.applied, target, begin, duration)

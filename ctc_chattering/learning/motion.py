@@ -138,8 +138,8 @@ def _period(config: ReferenceConfig) -> int:
         raise CtcError('learning: no joint moves')
     rates = [Fraction(f).limit_denominator(_MAX_DENOMINATOR) for f in moving]
     rate = Fraction(gcd(*(x.numerator for x in rates)), lcm(*(x.denominator for x in rates)))
-    # A trapezoid has half the frequency.
-    period = (2 if config.profile == 'trapezoid' else 1) / rate
+    # A move of a trapezoid takes 2 / f, and the way back as long.
+    period = (4 if config.profile == 'trapezoid' else 1) / rate
     is_exact = all(abs(f - x) < 1e-9 for f, x in zip(moving, rates))
     if not is_exact or period > _MAX_PERIOD_S:
         raise CtcError(f'learning: the frequencies {moving} Hz have no common period of up to '

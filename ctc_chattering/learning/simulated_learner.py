@@ -13,24 +13,30 @@
 # limitations under the License.
 
 """
-The learner of a simulated loop.
+The learner of a loop that is simulated or recorded.
 
-`analysis.result.simulate` makes one for a setup with ``learning``. It is that of the reference
-node, told what that node is told.
+`analysis.result.simulate` makes one for a setup with ``learning``, and `ctc learn` one for a bag.
+It is that of the reference node, told what that node is told.
 """
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from ctc_chattering.configuration.loop_setup import Setup
+from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.learning.design import filter_for
+from ctc_chattering.learning.learned_file import read_correction
 from ctc_chattering.learning.learner import Learner
 from ctc_chattering.learning.learning_filter import LearningFilter
 from ctc_chattering.learning.motion import motion_of, RepeatedMotion
+from ctc_chattering.numerics.time_grid import period_ns
 from ctc_chattering.simulation.plant import Plant
-from ctc_chattering.trajectory.joint_limits import read_limits
-from ctc_chattering.trajectory.reference import make_motion
+from ctc_chattering.trajectory.joint_limits import continuous_joints, read_limits
+from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, RobotState
+from ctc_chattering.trajectory.waypoints import Route
 
 
 def make_learner(setup: Setup, robot: Plant, model: Model) -> Learner:
@@ -49,24 +55,53 @@ def make_learner(setup: Setup, robot: Plant, model: Model) -> Learner:
     Raises
     ------
     CtcError
-        If the motion is not repeated, learning need not converge, or the controller's parameters
-        change during the run.
+        As `learner_of`, and if the controller's parameters change during the run.
 
     """
     if any(event.node == 'controller' for event in setup.events):
         raise CtcError('learning: events of the controller are not simulated')
-    reference = setup.reference
     start = dict(zip(setup.plant.joint_names, zip(*map(tuple, robot.measured))))
-    motion = make_motion(reference, setup.route, start, continuous=setup.continuous)
-    repeated = motion_of(reference, setup.route, motion)
-    designed = filter_for(repeated, reference, setup.controller, model)
+    return learner_of(setup.reference, setup.controller, setup.route, start, model,
+                      setup.descriptions.get('controller', ''))
+
+
+def learner_of(reference: ReferenceConfig, controller: ControllerConfig, route: Route | None,
+               start: RobotState, model: Model, description: str) -> Learner:
+    """
+    Return a learner at the start of a motion.
+
+    Parameters
+    ----------
+    reference, controller, model
+        As of `filter_for`.
+    route : Route or None
+        Waypoints in place of the profile.
+    start : mapping
+        State of the robot at the start.
+    description : str
+        Description of the robot, '' for none.
+
+    Raises
+    ------
+    CtcError
+        If the motion is not repeated, learning need not converge, or the learned file is wrong.
+
+    """
+    limits = read_limits(description, reference.joint_names) if description else None
+    continuous = continuous_joints(reference, limits)
+    motion = make_motion(reference, route, start, continuous=continuous)
+    repeated = motion_of(reference, route, motion)
+    designed = filter_for(repeated, reference, controller, model)
 
     def filter_of(_: RepeatedMotion) -> LearningFilter:
         return designed
 
-    description = setup.descriptions.get('reference', '')
-    limits = read_limits(description, reference.joint_names) if description else None
     learner = Learner(
-        len(reference.joint_names), reference.learning_bound, robot.period_ns, filter_of, limits)
-    learner.follow(repeated, repeated.start)
+        len(reference.joint_names), reference.learning_bound,
+        period_ns(controller.control_period), filter_of, limits)
+    rows = None
+    if reference.learning_file:
+        path = Path(reference.learning_file)
+        rows = read_correction(path, repeated, reference, controller, description)
+    learner.follow(repeated, repeated.start, rows)
     return learner

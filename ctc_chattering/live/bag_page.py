@@ -98,7 +98,7 @@ class RecordedRun:
         run = self.result.run
         samples = int(np.searchsorted(run.t, t + _TIME_TOLERANCE_S, side='right'))
         sample = max(0, samples - 1)
-        return run.q[sample], run.q_d[sample]
+        return run.q[sample], self.result.q_d[sample]
 
     def note(self) -> str:
         """Return a line on the origin of the signals."""
@@ -163,7 +163,7 @@ class BagPage:
         points = []
         for arm, run in zip(self._arms, self._runs):
             if arm is not None:
-                samples = run.result.run
+                samples = run.result
                 every = slice(None, None, len(samples.t) // 40 + 1)
                 points.append(arm.points((*samples.q[every], *samples.q_d[every])))
         if points:

@@ -164,6 +164,7 @@ class Controls:
         socket.on('gain', ValuesRequest, self._set_gain)
         socket.on('torques', bool, requests.torques)
         socket.on('move', Literal['stop', 'home'], requests.move)
+        socket.on('learning', Literal['freeze', 'resume', 'reset'], requests.learning)
         socket.on('guide', bool, requests.guide)
         socket.on('speed', Annotated[float, Meta(ge=0.0, le=1.0)], self._set_speed)
         socket.on('payload', Annotated[float, Meta(ge=0.0)], self._set_payload)
@@ -194,6 +195,7 @@ class Controls:
             'gains': [slider.shown() for slider in self._sliders.values()],
             'record': self._recorder.shown(),
             'speed': self._reader.parameters['reference'].get('speed_scaling'),
+            'learning': self._reader.parameters['reference'].get('learning') is True,
             'payload': controller.get('payload_mass') if is_described else None,
             'answered': self._answer_count,
             'plant': [{'name': name,

@@ -211,6 +211,8 @@ def _without_limits(config: ControllerConfig) -> ControllerConfig:
     for name in ('friction_level', 'friction_learning'):
         if config.takes(name):
             changes[name] = 0.0
+    if config.takes('adaptation_gain'):
+        changes['friction_level'] = 1.0  # At 0 the adapted level could not fall.
     return config.changed(changes)
 
 

@@ -21,6 +21,7 @@ from ``clock`` or ``joint_states``. `MotionPlan` and `MotionSchedule` decide, th
 
 from __future__ import annotations
 
+from functools import partial
 from math import inf, isfinite
 from pathlib import Path
 import time
@@ -31,6 +32,7 @@ from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ReferenceNodeConfig
 from ctc_chattering.configuration.topics import (
     CLOCK,
+    DESIRED,
     JOINT_STATES,
     JOINT_TRAJECTORY,
     REFERENCE,
@@ -39,7 +41,11 @@ from ctc_chattering.configuration.topics import (
 from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.controller.state_machine import Mode
 from ctc_chattering.errors import CtcError, RejectedMessage
+from ctc_chattering.learning.learned_file import read_correction
+from ctc_chattering.learning.learning_schedule import LearningSchedule
+from ctc_chattering.learning.motion import motion_of
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, period_ns
+from ctc_chattering.ros.controller_law import ControllerLaw
 from ctc_chattering.ros.controller_reports import ControllerReports, TrackingError
 from ctc_chattering.ros.loop_node import LoopNode
 from ctc_chattering.ros.messages import LATEST, read_stamp, TrajectoryWriter
@@ -52,14 +58,14 @@ from ctc_chattering.ros.trajectory_action import (
 )
 from ctc_chattering.trajectory.joint_limits import read_limits
 from ctc_chattering.trajectory.motion_plan import Followed, MotionPlan
-from ctc_chattering.trajectory.reference import ReferenceConfig
+from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
 from ctc_chattering.trajectory.schedule import MotionSchedule
 from ctc_chattering.trajectory.transitions import Transition
 from ctc_chattering.trajectory.waypoints import Route
 import numpy as np
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 #: Postures on the way home at which links are checked for collisions.
@@ -90,8 +96,21 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             route = read_trajectory(Path(config.trajectory_file), config.joint_names)
         self._plan = MotionPlan(config, route)
         period = period_ns(config.control_period)
-        self._schedule = MotionSchedule(
-            self._plan, period, round(config.horizon * NANOSECONDS))
+        timing = period, round(config.horizon * NANOSECONDS)
+        self._learning: LearningSchedule | None = None
+        if config.learning:
+            self._law = ControllerLaw(
+                self, config, lambda: self._schedule.simulated, self._on_other_law)
+            self._learning = LearningSchedule(self._plan, *timing, self._law.filter_of)
+        if self._learning is not None and config.learning_file:
+            whole = make_motion(config.changed({'start_duration': 0.0}), route)
+            motion = motion_of(config, route, whole)
+            rows = read_correction(Path(config.learning_file), motion, config, None, '')
+            self._learning.learner.remember(motion.name, rows)
+            self._law.learned_motion = motion.name
+        self._schedule = self._learning or MotionSchedule(self._plan, *timing)
+        #: Last report on what is learned in the log.
+        self._logged = ''
         self._writer = TrajectoryWriter(config.joint_names, period, self._schedule.chunk_size)
         #: Why the motion does not begin, and the monotonic time of the next attempt [ns].
         self._refusal = ''
@@ -100,6 +119,9 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         self._refused_waypoints = ''
         self._publisher = self.create_publisher(
             JointTrajectory, REFERENCE, qos(TOPICS[REFERENCE].depth))
+        #: The motion without its correction, if there may be one.
+        self._desired = self.create_publisher(
+            JointTrajectory, DESIRED, qos(TOPICS[DESIRED].depth)) if config.learning else None
         self._subscribers = 0
         self._states: ValidatedSubscription[JointState] | None = None
         self.inputs = [
@@ -113,6 +135,13 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
                        self.create_service(Trigger, '~/home', self._on_home)]
         self._reports = ControllerReports(
             self, config.joint_names, self._on_mode, self._on_error)
+        if self._learning is not None:
+            self._reports.listen()
+            self.urgent += [
+                self.create_service(SetBool, '~/freeze_learning',
+                                    partial(_freeze_learning, self._learning)),
+                self.create_service(Trigger, '~/reset_learning',
+                                    partial(_reset_learning, self._learning))]
         self._action: TrajectoryAction | None = None
         if FollowJointTrajectory is not None:
             self._action = TrajectoryAction(
@@ -127,6 +156,8 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         self._description = description
         if description:
             self._plan.limits = read_limits(description, self._plan.config.joint_names)
+            if self._learning is not None:
+                self._learning.learner.limits = self._plan.limits
         self._plan.prepare()
 
     def check(self, config: ReferenceConfig) -> None:
@@ -166,6 +197,12 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         if subscribers > self._subscribers:
             self._schedule.repeat()
         self._subscribers = subscribers
+        if self._learning is not None and self._learning.repeated is not None:
+            refusal = self._law.refusal(self._learning.repeated)
+            if refusal and not self._learning.learner.refusal:
+                self._learning.reset_learning()
+            self._learning.learner.refusal = refusal
+        self._log_learning()
         self._publish_chunks()
         if self._action is not None:
             self._action.update()
@@ -180,7 +217,13 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             return Status(ERROR, problem, {})
         if not self._schedule.running:
             return Status(WARN, f'waiting for {JOINT_STATES} or {CLOCK}', {})
-        values = {'time': 'simulated' if self._schedule.simulated else 'real'}
+        values: dict[str, object] = {
+            'time': 'simulated' if self._schedule.simulated else 'real'}
+        if self._learning is not None:
+            learner = self._learning.learner
+            values |= {'learning': learner.outcome, 'pass': len(learner.passes)}
+            if learner.passes:
+                values['pass error'] = max(learner.passes[-1].rms)
         if self._refused_waypoints:
             return Status(WARN, f'the motion continues, because {JOINT_TRAJECTORY} was refused: '
                           f'{self._refused_waypoints}', values)
@@ -233,7 +276,11 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             self._action.on_mode(mode, text)
 
     def _on_error(self, sample: TrackingError) -> None:
-        """Rest where the robot is held, and judge a goal."""
+        """Learn, rest where the robot is held, and judge a goal."""
+        if self._learning is not None and self._learning.running:
+            self._learning.learner.add(
+                self._learning.path_time_of(sample.t), sample.q_d, sample.e)
+            self._log_learning()
         is_held = self._reports.mode is Mode.HELD and not any(sample.dq_d)
         if is_held and self._schedule.running and not (
                 self._schedule.was_at(sample.t, sample.q_d)):
@@ -241,7 +288,28 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             self._publish_chunks()
             self.get_logger().info('the robot is held, and the reference rests at its position')
         if self._action is not None:
-            self._action.judge(sample)
+            self._action.judge(self._without_correction(sample))
+
+    def _without_correction(self, sample: TrackingError) -> TrackingError:
+        """Return a sample with the errors from the desired motion."""
+        if self._learning is None:
+            return sample
+        t, *vectors = sample
+        q, dq, _ = self._learning.correction(t)
+        return TrackingError(t, *np.subtract(vectors, (q, dq, q, dq)).tolist())
+
+    def _log_learning(self) -> None:
+        """Log the end of a pass, and a change of what comes of it."""
+        if self._learning is not None and self._learning.learner.report != self._logged:
+            self._logged = self._learning.learner.report
+            self.get_logger().info(self._logged)
+
+    def _on_other_law(self) -> None:
+        """Forget what was learned under another law."""
+        assert self._learning is not None
+        self._learning.reset_learning()
+        self.get_logger().warning(
+            'the law of the controller has changed; what was learned is forgotten')
 
     def _follow(self, route: Route, stamp: int) -> Followed:
         """Follow waypoints of the topic or the action."""
@@ -329,11 +397,34 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             return
         in_force = self._schedule.update()
         if self.parameters.changed and in_force is not None:
-            if not self.matched(self._publisher):
+            publishers = filter(None, (self._publisher, self._desired))
+            if not self.matched(*publishers):
                 return
             self.parameters.announce(in_force)
         for begin, points in self._schedule.chunks():
+            if self._desired is not None:
+                desired = self._schedule.desired(begin)
+                self._desired.publish(self._writer.write(begin, desired))
             self._publisher.publish(self._writer.write(begin, points))
+
+
+def _freeze_learning(learning: LearningSchedule, request: SetBool.Request,
+                     response: SetBool.Response) -> SetBool.Response:
+    """Keep what was learned as it is, or learn again."""
+    learning.freeze(request.data)
+    response.success = True
+    response.message = ('What was learned stays as it is.' if request.data
+                        else 'Learning goes on with the next pass.')
+    return response
+
+
+def _reset_learning(learning: LearningSchedule, _request: Trigger.Request,
+                    response: Trigger.Response) -> Trigger.Response:
+    """Forget what was learned."""
+    learning.reset_learning()
+    response.success = True
+    response.message = 'What was learned is forgotten, and its correction fades out.'
+    return response
 
 
 def _description(followed: Followed) -> str:

@@ -94,7 +94,7 @@ class ControllerReports:
         """Subscribe to the errors."""
         if self._tracking is None:
             self._tracking = self._node.create_subscription(
-                JointState, f'controller/{TRACKING}', self._read_error, qos(10))
+                JointState, f'controller/{TRACKING}', self._read_error, qos())
 
     def _read_mode(self, message: DiagnosticArray) -> None:
         for status in message.status:

@@ -28,16 +28,18 @@ import json
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.analysis.result import Result
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.laws.registry import LAWS, switchings_of
-from ctc_chattering.errors import CtcError, ParameterError, suggest
+from ctc_chattering.errors import CtcError, ParameterError, prefixed, suggest
 from ctc_chattering.output_files import check_format, finite
 from ctc_chattering.parameters import check_not_empty, checked_integer
 from ctc_chattering.runs.conditions import (
     Case,
     held_out_cases,
+    learning_setup,
     merge_overrides,
     named_cases,
     read_cases,
@@ -53,7 +55,7 @@ from ctc_chattering.runs.recommended import (
     LawSettings,
 )
 from ctc_chattering.runs.run_lists import ListedRun, RunList
-from ctc_chattering.runs.score import Runner, simulate_truth
+from ctc_chattering.runs.score import pass_columns, Runner, simulate_truth
 import pandas  # type: ignore[import-untyped]
 
 
@@ -79,6 +81,8 @@ class ComparisonSpec:
         Of these.
     cases : str or Path
         File of further conditions, or the name of one in the package, ``imperfections``.
+    passes : int
+        Number of passes of the motion from which each law learns a correction, 0 for none.
 
     Raises
     ------
@@ -94,6 +98,7 @@ class ComparisonSpec:
     held_out: int = 0
     seed: int = SEED
     cases: str | Path = ''
+    passes: int = 0
 
     def __post_init__(self) -> None:
         """Check all values that need no file."""
@@ -105,6 +110,7 @@ class ComparisonSpec:
         check_not_empty('files', self.files)
         checked_integer('held_out', self.held_out, 0)
         checked_integer('seed', self.seed, 0)
+        checked_integer('passes', self.passes, 0)
 
     @property
     def law_settings(self) -> list[LawSettings]:
@@ -122,7 +128,7 @@ class ComparisonSpec:
             for _, group in groupby(cases, key=lambda case: case.title):
                 condition = list(group)
                 for law in self.law_settings:
-                    yield from _condition_runs(path, condition, law)
+                    yield from _condition_runs(path, condition, law, self.passes)
 
     def robot_cases(self, setup: Setup) -> list[Case]:
         """Return all cases of a parameter file's robot."""
@@ -133,7 +139,7 @@ class ComparisonSpec:
                 *held_out_cases(setup, self.held_out, self.seed)]
 
 
-def _condition_runs(path: Path, condition: Sequence[Case], law: LawSettings
+def _condition_runs(path: Path, condition: Sequence[Case], law: LawSettings, passes: int
                     ) -> Iterator[ListedRun]:
     """
     Yield the runs of a law under one condition.
@@ -151,9 +157,13 @@ def _condition_runs(path: Path, condition: Sequence[Case], law: LawSettings
         if setup.plant.duration == 0.0:
             raise ParameterError(
                 f'{path}: duration', 0.0, 'a number > 0, since every run must end')
+        if passes:
+            with prefixed(': '.join([str(path), *filter(None, [case.title]), ''])):
+                setup = learning_setup(setup, passes)
         yield ListedRun({
             'file': str(path), 'experiment': setup.plant.experiment, 'condition': case.title,
             'held_out': int(case.is_held_out), **law.columns, 'part': case.run_name,
+            'passes': passes, 'passes_of_run': '[]', 'learning': '',
             'joints': json.dumps(setup.plant.joint_names),
             'controller': json.dumps(finite(overrides['controller']), sort_keys=True)}, setup)
 
@@ -167,7 +177,15 @@ class ComparisonRuns(RunList):
 
         Raise `CtcError` if `BASELINE` has no numbers.
         """
-        row = super().row(run, runner)
+        passes = self.listed[run].columns['passes']
+        learned: dict[str, str] = {}
+
+        def run_passes(setup: Setup) -> Result:
+            result = runner(setup)
+            learned.update(pass_columns(result, passes))
+            return result
+
+        row = super().row(run, run_passes if passes else runner) | learned
         is_baseline = (row['law'], row['settings']) == (BASELINE.law, FILE)
         if row['failure'] and is_baseline and not row['held_out']:
             raise CtcError(f'{row["file"]}: {row["reason"]}')
@@ -203,7 +221,7 @@ def compare(files: ComparisonSpec | Sequence[str | Path], *, out: str | Path | N
         Command line, for the page.
     choices
         Other attributes of `ComparisonSpec`: ``laws``, ``conditions``, ``gains``, ``held_out``,
-        ``seed`` and ``cases``.
+        ``seed``, ``cases`` and ``passes``.
 
     Returns
     -------

@@ -78,6 +78,11 @@ class Outcome:
         Parameters of the controller as JSON, of the first run.
     score : Score
         Worst numbers of the runs, or the failure of the first run without numbers.
+    passes : sequence of (float, float)
+        Worst RMS error [rad] and torque variation [N·m/s] of any joint in each pass. It is empty
+        without ``passes``.
+    learning : str
+        State of the learning at the end, in words, or the failure.
 
     """
 
@@ -89,6 +94,8 @@ class Outcome:
     joints: Sequence[str]
     controller: str
     score: Score
+    passes: Sequence[tuple[float, float]]
+    learning: str
 
     @property
     def title(self) -> str:
@@ -115,10 +122,12 @@ def _outcome(runs: pandas.DataFrame) -> Outcome:
             name: tuple(float(largest[f'{column}_{i}']) for i, _ in enumerate(joints, 1))
             for name, (column, _) in PER_JOINT.items()}
         worst = Score(**values)
+    passes = [tuple(map(max, zip(*x))) for x in zip(*map(json.loads, runs['passes_of_run']))]
     return Outcome(
         file=first['file'], experiment=first['experiment'], condition=first['condition'],
         is_held_out=bool(first['held_out']), law=LawSettings(*first[list(LAW_COLUMNS)]),
-        joints=joints, controller=first['controller'], score=worst)
+        joints=joints, controller=first['controller'], score=worst, passes=passes,
+        learning=failure or '; '.join(dict.fromkeys(runs['learning'])))
 
 
 def grouped(results: Sequence[Outcome]) -> list[list[Outcome]]:
@@ -135,11 +144,14 @@ def tables(results: Sequence[Outcome]) -> Iterator[Table]:
     """
     Yield the tables of robustness, errors and torque.
 
-    Those of robustness are there with held-out conditions only, and come first.
+    Those of robustness are there with held-out conditions only, and come first. With passes there
+    is one of these instead.
     """
     for group in sorted(grouped(results), key=lambda group: not group[0].is_held_out):
         if group[0].is_held_out:
             yield _robustness_table(group)
+        elif group[0].passes:
+            yield _pass_table(group)
         else:
             yield _error_table(group)
             yield _torque_table(group)
@@ -220,6 +232,24 @@ def _torque_table(group: Sequence[Outcome]) -> Table:
         _rows(group, lines, len(group[0].joints)), len(LAW_COLUMNS))
 
 
+def _pass_table(group: Sequence[Outcome]) -> Table:
+    """Return errors and torque variation before and after learning."""
+    lines = []
+    for x in group:
+        passes = x.passes or [(inf, inf)]
+        (error, variation), (last_error, last_variation) = passes[0], passes[-1]
+        columns = [(error, '.1e'), (last_error, '.1e'), (last_error / error, '.2g'),
+                   (variation, '.0f'), (last_variation, '.0f')]
+        lines.append([Number(value, f'{value:{form}}' if value < inf else '')
+                      for value, form in columns])
+    after = f'after {len(group[0].passes) - 1} passes'
+    return Table(
+        bold(group[0].title) + ': RMS error [rad] and torque variation [N·m/s] of the worst joint',
+        [*LAW_COLUMNS, 'learning', 'error before', after, 'ratio', 'variation before', after],
+        [[*x.law.columns.values(), x.learning, *row[len(LAW_COLUMNS):]]
+         for row, x in zip(_rows(group, lines), group)], len(LAW_COLUMNS) + 1)
+
+
 def _rows(group: Sequence[Outcome], lines: Sequence[Sequence[Number]], cells: int = 0
           ) -> list[list[str]]:
     """
@@ -255,10 +285,16 @@ def to_markdown(results: Sequence[Outcome]) -> str:
 
 def to_csv(results: Sequence[Outcome]) -> str:
     """
-    Return a line per law and joint, with a header.
+    Return a line per law and joint, with a header. With passes it is one per law and pass.
 
     Numbers are in full, and empty for a law that diverged.
     """
+    if results[0].passes:
+        return csv_text([
+            {'experiment': x.experiment, 'condition': x.condition, **x.law.columns, 'pass': k,
+             'rms_error': error, 'torque_variation_per_s': variation, 'learning': x.learning,
+             'controller': x.controller}
+            for x in results for k, (error, variation) in enumerate(x.passes or [(None, None)])])
     numbers = {'rms_error': 'rms', 'torque_variation_per_s': 'variation',
                'max_torque_step': 'step', 'max_torque_rate_per_s': 'rate', 'max_torque': 'peak',
                'slips_at_rest_per_s': 'slips'}
@@ -271,6 +307,21 @@ def to_csv(results: Sequence[Outcome]) -> str:
                           'joint': joint, **values, 'failure': x.score.failure,
                           'controller': x.controller})
     return csv_text(lines)
+
+
+def draw_passes(group: Sequence[Outcome], title: str) -> Figure:
+    """Draw error and torque variation by pass, a line for each law."""
+    figure, axes = draw_panels(title, ['error', 'torque variation'], 'RMS error [rad]', 3.6)
+    for x, style in zip(group, law_styles([x.law.law for x in group])):
+        name = f'{x.law.switching or x.law.law}, {x.law.gain_source}'
+        for ax, values in zip(axes, zip(*x.passes)):
+            ax.plot(values, **style, markersize=5, label=name)
+            ax.set(xlabel='pass')
+            ax.locator_params('x', integer=True)
+    axes[0].set(yscale='log')
+    axes[1].set(ylabel='torque variation [N·m/s]', ylim=(0.0, None))
+    drawing.legend_of(*axes)
+    return figure
 
 
 def draw_compromises(results: Sequence[Outcome], title: str) -> Figure:
@@ -300,6 +351,10 @@ def _mean(values: Sequence[float]) -> float:
 
 def figures(results: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
     """Yield name, figure and caption of each robot."""
+    for group in grouped([x for x in results if x.passes]):
+        title = f'{group[0].title}: error by pass'
+        yield title, draw_passes(group, title), 'The worst joint; pass 0 is before learning.'
+    results = [] if results[0].passes else results
     for experiment, robot_results in itertools.groupby(results, lambda x: x.experiment):
         shown = [x for x in robot_results if not x.is_held_out]
         yield experiment, draw_compromises(shown, f'{experiment}: error and torque variation'), (
@@ -359,13 +414,14 @@ def write_page(results: Sequence[Outcome], files: Sequence[FigureFile], path: Pa
 
 def _with_short_names(table: Table) -> Table:
     """
-    Return an untitled table with one column of names.
+    Return an untitled table with one column for the names of a law.
 
     That column stays where a table scrolls sideways.
     """
     n = len(LAW_COLUMNS)
     rows = [[f'{" ".join(row[:2]).strip()}, {row[2]}', *row[n:]] for row in table.rows]
-    return table._replace(title='', heads=['law', *table.heads[n:]], names=1, rows=rows)
+    return table._replace(title='', heads=['law', *table.heads[n:]], rows=rows,
+                          names=table.names - n + 1)
 
 
 def write_parameters(comparison: RunList, directory: Path) -> None:

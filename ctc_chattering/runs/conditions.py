@@ -35,7 +35,11 @@ from ctc_chattering.configuration.node_parameters import LOOP
 from ctc_chattering.configuration.yaml_file import FileKind, mapping, read_yaml
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import ParameterError, suggest, UsageError
+from ctc_chattering.learning.learner import duration_of_passes
+from ctc_chattering.learning.motion import motion_of
+from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.simulation.plant_config import PlantConfig
+from ctc_chattering.trajectory.reference import make_motion
 import numpy as np
 
 if TYPE_CHECKING:
@@ -278,6 +282,21 @@ def torque_rates(setup: Setup) -> tuple[float, ...]:
         return 5_000.0, 1_000.0
     model = model_of(setup.controller, setup.descriptions.get('controller', ''))
     return tuple(x / 0.05 for x in model.effort_limits) or (inf,) * model.n
+
+
+def learning_setup(setup: Setup, passes: int) -> Setup:
+    """
+    Return a setup that learns, from a smooth start to the pass after so many others.
+
+    Raise `CtcError` for a motion that is not periodic.
+    """
+    if setup.route is not None or setup.reference.speed_scaling != 1.0:
+        raise UsageError('learning from passes needs a periodic motion, which has no '
+                         'trajectory_file, and speed_scaling 1')
+    start_duration = max(setup.reference.start_duration, MIN_START_DURATION_S)
+    setup = setup.changed({'reference': {'learning': True, 'start_duration': start_duration}})
+    motion = motion_of(setup.reference, None, make_motion(setup.reference, None, {}))
+    return setup.changed({'plant': {'duration': seconds(duration_of_passes(motion, passes + 1))}})
 
 
 def held_out_cases(setup: Setup, count: int, seed: int) -> Iterator[Case]:

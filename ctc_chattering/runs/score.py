@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import dataclasses
+import json
 from math import inf, isfinite
 from typing import Any, NamedTuple
 
@@ -31,6 +32,7 @@ from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import as_ctc_error, CtcError, MachineError
+from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.simulation.closed_loop import Array, Run
 import numpy as np
 
@@ -187,6 +189,23 @@ def _evaluate(run: Run, setup: Setup, window: tuple[float, float], period: float
         peak_rate=tuple(_peak_rate(run, setup.controller.control_period).tolist()))
 
 
+def pass_columns(result: Result, passes: int) -> dict[str, str]:
+    """
+    Return the columns of a run that has learned from passes.
+
+    ``passes_of_run`` has the worst joint's RMS error [rad] and torque variation [N·m/s] of each
+    pass, from the one before learning on.
+    """
+    assert result.learner is not None
+    rows = []
+    for finished in result.learner.passes[:passes + 1]:
+        window = seconds(finished.begin), seconds(finished.end)
+        numbers = metrics(result.run, window, result.config.control_period)
+        rows.append([max(numbers['rms_error_rad']), max(numbers['torque_variation_nm_per_s'])])
+    state = result.learner.problem or result.learner.state.value
+    return {'passes_of_run': json.dumps(rows), 'learning': state}
+
+
 def _peak_rate(run: Run, period: float) -> Array:
     """Return the largest torque rate between neighbours, shape (n,) [N·m/s]."""
     step = np.abs(np.diff(run.tau, axis=0))
@@ -204,7 +223,8 @@ def slips_at_rest(run: Run, window: tuple[float, float]) -> Array:
     which the reference has rested for 0.3 s or more. Without such samples it is 0.
     """
     t = run.t[:, np.newaxis]
-    moves = (run.dq_d != 0.0) | (run.ddq_d != 0.0)
+    _, dq_d, ddq_d = run.desired
+    moves = np.maximum(np.abs(dq_d), np.abs(ddq_d)) > 1e-9  # More than rounding.
     last_move = np.maximum.accumulate(np.where(moves, t, t[0]), axis=0)
     rests = ((t - last_move >= 0.3) & within(t, window))[1:]
     is_fast = np.abs(run.dq) > 1e-3

@@ -104,9 +104,9 @@ class Run:
         Torque sent at the sample, to be held until the next [N·m].
     v : ndarray, shape (N, n)
         Filtered error of equation (3) [rad/s].
-    correction : ndarray, shape (N, 2, n), optional
-        Part of q_d [rad] and dq_d [rad/s] that was learned from earlier passes. The errors are
-        those from the desired motion without it.
+    correction : ndarray, shape (N, 3, n), optional
+        Part of q_d [rad], dq_d [rad/s] and ddq_d [rad/s²] that was learned from earlier passes.
+        The errors are those from the desired motion without it.
     compiled : bool
         Whether machine code computed it.
 
@@ -124,16 +124,23 @@ class Run:
     compiled: bool = dataclasses.field(default=False, kw_only=True)
 
     @property
+    def desired(self) -> tuple[Array, Array, Array]:
+        """Return q_d, dq_d and ddq_d without the correction, each of shape (N, n)."""
+        followed = self.q_d, self.dq_d, self.ddq_d
+        if self.correction is None:
+            return followed
+        q_d, dq_d, ddq_d = followed - self.correction.swapaxes(0, 1)
+        return q_d, dq_d, ddq_d
+
+    @property
     def e(self) -> Array:
         """Return the position error q_d - q [rad], shape: (N, n)."""
-        e = self.q_d - self.q
-        return e if self.correction is None else e - self.correction[:, 0]
+        return self.desired[0] - self.q
 
     @property
     def de(self) -> Array:
         """Return the velocity error dq_d - dq [rad/s], shape: (N, n)."""
-        de = self.dq_d - self.dq
-        return de if self.correction is None else de - self.correction[:, 1]
+        return self.desired[1] - self.dq
 
 
 class Corrector(Protocol):
@@ -366,8 +373,8 @@ class ClosedLoop:
         q_d, dq_d, ddq_d = _extrapolated(self._table[k], late)
         correction = None
         if desired is not None:
-            desired_q, desired_dq, _ = _extrapolated(desired[k], late)
-            correction = np.stack([q_d - desired_q, dq_d - desired_dq], axis=1)
+            rows = zip((q_d, dq_d, ddq_d), _extrapolated(desired[k], late))
+            correction = np.stack([x - x_desired for x, x_desired in rows], axis=1)
         t = stamps / NANOSECONDS
         return Run(t, q, dq, q_d, dq_d, ddq_d, tau, v, correction=correction,
                    compiled=self.compiled)

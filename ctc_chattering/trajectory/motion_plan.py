@@ -81,6 +81,15 @@ class Followed(NamedTuple):
     turned: tuple[str, ...] = ()
 
 
+class Repetition(NamedTuple):
+    """A motion that may come again."""
+
+    #: Waypoints with path times [ns], None for the profile.
+    route: Route | None
+    #: Path time from which it counts [ns].
+    begin: int
+
+
 class MotionPlan:
     """
     Motion that waypoints or changed parameters replace.
@@ -102,6 +111,8 @@ class MotionPlan:
         Motion over path time. None before it has begun.
     replacements : int
         Number of motions that have replaced another one.
+    repetition : Repetition or None
+        The motion as one that may come again, None for one that leads elsewhere.
 
     """
 
@@ -111,12 +122,14 @@ class MotionPlan:
         self.limits: list[JointLimits] | None = None
         self.motion: TimedMotion | None = None
         self.replacements = 0
+        self.repetition: Repetition | None = None
         #: Parameters of the profile that the motion has, or passes into.
         self._shape = _shape(config)
 
-    def take(self, motion: TimedMotion | None) -> None:
+    def take(self, motion: TimedMotion | None, repetition: Repetition | None = None) -> None:
         """Follow another motion from now on, or none."""
         self.motion = motion
+        self.repetition = repetition
         self.replacements += 1
 
     @property
@@ -156,12 +169,13 @@ class MotionPlan:
             If it would lead beyond the limits.
 
         """
-        self.take(make_motion(self.config, self._route, start, t, self.limits))
+        motion = make_motion(self.config, self._route, start, t, self.limits)
+        self.take(motion, Repetition(self._route, 0))
         self._shape = _shape(self.config)
 
     def restart(self) -> None:
         """Discard a motion that began at the robot, since time went back."""
-        self.take(None if self.from_state else self.motion)
+        self.take(None if self.from_state else self.motion, self.repetition)
 
     def follow(self, route: Route, now: int, begin: int, rate: float = 1.0) -> Followed:
         """
@@ -313,10 +327,11 @@ class MotionPlan:
         if present is None or isinstance(present, Transition) or not self.change_pending:
             return False
         changed = make_motion(self.config.changed({'start_duration': 0.0}))
-        self.take(fit_duration(
+        passage = fit_duration(
             lambda duration: Transition(present, changed, begin, duration),
             self.config.start_duration or _CHANGE_TIME_S,
-            self.limits))
+            self.limits)
+        self.take(passage, Repetition(None, 0))
         self._shape = _shape(self.config)
         return True
 

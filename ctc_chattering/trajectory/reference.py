@@ -103,6 +103,15 @@ class ReferenceConfig(DescribedConfig):
         maximum=1e3, read_only=True)
     learning_bound: float = parameter(
         0.1, 'Largest correction of a joint.', 'rad', minimum=LEAST, maximum=1.0, read_only=True)
+    learning_file: str = parameter(
+        '', 'File of `ctc learn` with a correction to begin with; empty for none.', read_only=True)
+
+    def validate(self) -> None:
+        """Check what `DescribedConfig` checks, and that a learned file is used."""
+        super().validate()
+        if self.learning_file and not self.learning:
+            raise ParameterError('learning_file', self.learning_file,
+                                 'a file only with learning: true')
 
 
 class StartError(CtcError):

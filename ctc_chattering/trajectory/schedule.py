@@ -32,7 +32,7 @@ from ctc_chattering.errors import ParameterError, RejectedMessage
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.trajectory.buffer import Point
-from ctc_chattering.trajectory.motion_plan import Followed, MotionPlan
+from ctc_chattering.trajectory.motion_plan import Followed, MotionPlan, Repetition
 from ctc_chattering.trajectory.path_clock import PathClock, ScaledMotion
 from ctc_chattering.trajectory.reference import RobotState
 from ctc_chattering.trajectory.transitions import (
@@ -225,10 +225,12 @@ class MotionSchedule:
         path_begin, rate, _ = self._clock.at(begin)
         if not times and not rate:
             # The stop is over, so that nothing of it is left for a later speed.
-            q, _, _ = self._plan.motion.at(path_begin)
+            q, _, _ = self._published().at(path_begin)
             self.rest_at(q)
             return Followed(0, 0, path_begin)
         followed = self._plan.follow(route, self.path_time, path_begin, rate)
+        if followed.waypoints and start >= path_begin:
+            self._plan.repetition = Repetition(route, start)
         self._next = begin // self._period
         return followed
 
@@ -239,8 +241,7 @@ class MotionSchedule:
 
     def was_at(self, stamp: int, q: Vector) -> bool:
         """Tell whether the motion was at a position, shape (n,) [rad], at a stamp [ns]."""
-        assert self._plan.motion is not None
-        position, _, _ = self._plan.motion.at(self.path_time_of(stamp))
+        position, _, _ = self._published().at(self.path_time_of(stamp))
         return max(abs(x - y) for x, y in zip(position, q)) < _SAME_POSITION
 
     def rest_at(self, q: Vector) -> None:
@@ -284,7 +285,7 @@ class MotionSchedule:
         rate = self._plan.config.speed_scaling
         slews = self._clock.rate != rate
         if slews and self.now >= self._clock.end:
-            self._clock = self._slew(begin, rate)
+            self._change_rate(begin, rate)
             changed, slews = True, False
         if changed:
             self._next = begin // self._period
@@ -292,8 +293,8 @@ class MotionSchedule:
         pending = slews or self._plan.change_pending
         return None if pending else (self._start or 0) + self._in_force
 
-    def _slew(self, begin: int, rate: float) -> PathClock:
-        """Return a clock that passes to another rate within the limits."""
+    def _change_rate(self, begin: int, rate: float) -> None:
+        """Pass to another rate within the limits."""
         motion = self._plan.motion
         assert motion is not None
 
@@ -301,22 +302,39 @@ class MotionSchedule:
             return ScaledMotion(motion, self._clock.slew(begin, rate, duration))
 
         duration = seconds(fit_duration(passage, BRAKING_TIME, self._plan.limits).end - begin)
-        return self._clock.slew(begin, rate, duration)
+        self._clock = self._clock.slew(begin, rate, duration)
 
     def chunks(self) -> Iterator[tuple[int, list[Point]]]:
         """Yield stamp and samples of each chunk up to the horizon."""
         assert self.now is not None and self._plan.motion is not None
         start = self._start or 0
-        motion = ScaledMotion(self._plan.motion, self._clock)
         present = self.now // self._period
-        self._next = max(self._next, present)
         while self._next < present + self._ahead:
-            begin = self._next * self._period
+            begin = max(self._next, present) * self._period
             end = begin + self.chunk_size * self._period
+            if not self._is_final(begin, end):
+                return
+            motion = ScaledMotion(self._published(), self._clock)
             instants = range(begin, end, self._period)
             points = list(map(motion.at, instants))
             yield start + begin, points
-            self._next += self.chunk_size
+            self._next = end // self._period
+
+    def _published(self) -> TimedMotion:
+        """Return the motion that is published, over path time."""
+        assert self._plan.motion is not None
+        return self._plan.motion
+
+    def _is_final(self, _begin: int, _end: int) -> bool:
+        """Return whether the samples between two instants [ns] may be published."""
+        return True
+
+    def desired(self, stamp: int) -> list[Point]:
+        """Return the samples of a chunk, by its stamp [ns], without a correction."""
+        assert self._plan.motion is not None
+        motion = ScaledMotion(self._plan.motion, self._clock)
+        begin = stamp - (self._start or 0)
+        return [motion.at(begin + k * self._period) for k in range(self.chunk_size)]
 
     def _after_published(self, now: int) -> int:
         """Return the first instant [ns] that may still change."""

@@ -66,7 +66,25 @@ def test_a_csv_file_has_a_column_per_joint_and_quantity(gantry: Result, tmp_path
 def test_a_numpy_file_has_the_arrays_and_gains(gantry: Result, tmp_path: Path) -> None:
     export(gantry, tmp_path / 'a.npz')
     with np.load(tmp_path / 'a.npz') as found:
-        for name, array in vars(gantry.run).items():
+        assert 'correction' not in found
+        for name in {*vars(gantry.run)} - {'correction'}:
+            array = getattr(gantry.run, name)
             np.testing.assert_array_equal(found[name], array)
         assert [found[x].tolist() for x in ('joint_names', 'torque_units', 'ka', 'switching')] == [
             ['rail, long', 'elbow'], ['N', 'N·m'], [3.0, 4.0], 'implicit_observer']
+
+
+def test_the_desired_motion_is_exported_without_its_correction(
+        gantry: Result, tmp_path: Path) -> None:
+    correction = np.random.default_rng(2).normal(size=(5, 3, 2))
+    learned = dataclasses.replace(
+        gantry, run=dataclasses.replace(gantry.run, correction=correction))
+    for name in ('a.npz', 'a.csv'):
+        export(learned, tmp_path / name)
+    with np.load(tmp_path / 'a.npz') as found:
+        np.testing.assert_array_equal(found['q_d'], gantry.q_d - correction[:, 0])
+        np.testing.assert_array_equal(found['correction'], correction)
+        np.testing.assert_array_equal(found['q_d'] - found['q'], learned.e)
+    table = np.loadtxt(tmp_path / 'a.csv', delimiter=',', skiprows=1, usecols=range(7, 9),
+                       converters=float, encoding='utf-8', quotechar='"')
+    assert table.shape == (5, 2)

@@ -15,8 +15,16 @@
 """Numbers of a run against tiny arrays worked out by hand."""
 
 from collections.abc import Sequence
+import dataclasses
 
-from ctc_chattering.analysis.metrics import BAND, metrics, reaching_time, WINDOW, window_of
+from ctc_chattering.analysis.metrics import (
+    BAND,
+    error_shares,
+    metrics,
+    reaching_time,
+    WINDOW,
+    window_of,
+)
 from ctc_chattering.analysis.signals import Series, SignalOrigin
 from ctc_chattering.simulation.closed_loop import Run
 import numpy as np
@@ -52,6 +60,13 @@ def test_by_hand() -> None:
     assert found['max_torque_step_nm'] == [6.0, 10.0]
     assert found['max_torque_rate_nm_per_s'] == pytest.approx([6.0, 10 / 3])
     assert found['reaching_time_s'] == 6.0
+
+
+def test_errors_are_those_from_the_motion_without_what_was_learned() -> None:
+    correction = np.zeros((6, 3, 2))
+    correction[:, 0] = 1.0
+    run = dataclasses.replace(TINY, correction=correction)
+    assert metrics(run)['rms_error_rad'] == pytest.approx([np.sqrt(31 / 4), np.sqrt(19 / 4)])
 
 
 def test_window_is_a_parameter_and_holds_its_ends() -> None:
@@ -132,3 +147,18 @@ def test_torques_and_v_at_times_of_their_own() -> None:
 def test_a_window_that_the_run_has(begin: float, end: float, window: tuple[float, float]) -> None:
     assert window_of(np.linspace(begin, end, 50)) == pytest.approx(window)
     assert window_of(np.zeros(0)) == WINDOW
+
+
+def test_errors_are_those_from_the_desired_motion() -> None:
+    """A correction moves the reference of a joint that is to rest, too."""
+    t = np.linspace(0.0, 10.0, 1001)
+    dice = np.random.default_rng(5)
+    desired = np.column_stack([np.sin(t), np.full(1001, 0.3)])
+    e, correction = 0.01 * dice.normal(size=(1001, 2)), 0.1 * dice.normal(size=(1001, 3, 2))
+    zeros = np.zeros((1001, 2))
+    run = Run(t, desired - e, zeros, desired + correction[:, 0], *[zeros] * 4,
+              correction=correction)
+    rms_error = metrics(run, WINDOW)['rms_error_rad']
+    inside = t >= 5.0
+    np.testing.assert_allclose(rms_error, np.sqrt(np.mean(e[inside] ** 2, axis=0)), rtol=1e-9)
+    np.testing.assert_allclose(error_shares(run, rms_error), [rms_error[0], 0.0], rtol=1e-3)

@@ -158,7 +158,7 @@ def test_notes_are_on_the_page(tmp_path: Path) -> None:
     """Check the notes on a short run, one with gaps, and one whose ka is too small."""
     config = ControllerConfig(switching='implicit', ka=(8.0, 8.0))
     run = run_closed_loop(PlantConfig(duration=6.0), config, ReferenceConfig())
-    lossy = Run(*(np.delete(x, np.s_[5200:5300], axis=0) for x in list(vars(run).values())[:-1]))
+    lossy = Run(*(np.delete(x, np.s_[5200:5300], axis=0) for x in list(vars(run).values())[:-2]))
     weak = Result('weak', [(0.0, config)], run, source='one')
     assert any('ka is too small' in ax.get_title('right') for ax in internals(weak).axes)
     page = written(tmp_path, [

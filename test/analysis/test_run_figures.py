@@ -229,7 +229,7 @@ def test_gaps_break_the_lines_and_are_hatched() -> None:
     whole = made_up(1)
     kept = np.ones(300, bool)
     kept[100:150] = kept[200] = False
-    run = Run(*(x[kept] for x in list(vars(whole.run).values())[:-1]))
+    run = Run(*(x[kept] for x in list(vars(whole.run).values())[:-2]))
     terms = dataclasses.replace(whole.terms, **{
         name: x[kept] for name, x in vars(whole.terms).items() if name != 'origin'})
     result = Result('friction', whole.configs, run, terms)

@@ -24,7 +24,7 @@ import pytest
 
 
 @pytest.mark.parametrize('command', [
-    'plot', 'export', 'replay', 'repair', 'identify', 'live --export page.html'])
+    'plot', 'export', 'replay', 'repair', 'identify', 'learn', 'live --export page.html'])
 @pytest.mark.parametrize('file', ['bag/metadata.yaml', 'bag/bag_0.mcap', 'pipe.mcap', 'pipe'])
 def test_a_pipe_is_refused_in_one_line(command: str, file: str, tmp_path: Path) -> None:
     path = tmp_path / file

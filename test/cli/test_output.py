@@ -35,7 +35,8 @@ FOLDERS = {
     'plot': 'plot bag --out', 'reproduce': 'reproduce --out',
     'simulate': 'simulate --duration 0.01 --out', 'tune': 'tune friction --jobs 1 --out',
     'map --explain': 'map map.yaml --explain 0 --out'}
-FILES = {'new-robot': 'new-robot --urdf arm.urdf --out', 'live': 'live bag --export'}
+FILES = {'new-robot': 'new-robot --urdf arm.urdf --out', 'live': 'live bag --export',
+         'learn': 'learn bag --out'}
 #: Those that write nothing where they are told, or only what is new.
 OTHERS = {'compile', 'replay', 'repair', 'check-model', 'stability', 'parameters'}
 #: What is in the place of an output, and why it is refused.

@@ -44,7 +44,8 @@ PLANT: dict[str, Any] = {'pacing': 'lockstep', 'coulomb_friction': [9.9, 9.9, 9.
 WRONG: tuple[Any, ...] = (True, '5', None, [5.0], {})
 
 
-def controls(names: Sequence[str] = NAMES, plant: Any = None, **parameters: Any
+def controls(names: Sequence[str] = NAMES, plant: Any = None, reference: Any = None,
+             **parameters: Any
              ) -> tuple[Controls, PageSocket, Mock]:
     """Return controls, the socket of a page, and what is asked of a graph and a recorder."""
     asked = Mock()
@@ -52,7 +53,7 @@ def controls(names: Sequence[str] = NAMES, plant: Any = None, **parameters: Any
     reader: Any = SimpleNamespace(
         names=tuple(names), parameters={'controller': {**PARAMETERS, **parameters},
                                         'plant': PLANT if plant is None else plant,
-                                        'reference': {'speed_scaling': 1.0}},
+                                        'reference': reference or {'speed_scaling': 1.0}},
         config=ControllerConfig(), latest=1.0)
     socket = PageSocket()
     return Controls(socket, reader, asked, asked), socket, asked
@@ -148,8 +149,8 @@ ODD: dict[str, tuple[Any, ...]] = {
     {'law': 'none'}, {'law': ['chattering']}, {'law': {}}, {'switching': None},
     {'record': 5}, {'record': ['x']}, {'record': None}, {'record': 'x'}, {'set': 'x'}, {}, [],
     None, 'law', {'torques': 1}, {'torques': 'on'},
-    {'move': 'x'}, {'guide': 1}, {'speed': 1.5}, {'speed': True}, {'payload': -1},
-    {'payload': nan},
+    {'move': 'x'}, {'learning': 'x'}, {'learning': True}, {'guide': 1}, {'speed': 1.5},
+    {'speed': True}, {'payload': -1}, {'payload': nan},
     *[{name: value} for name, values in ODD.items() for value in values]])
 def test_a_request_that_no_page_of_ours_sends_is_ignored(message: Any) -> None:
     assert asked(message) == []
@@ -161,8 +162,10 @@ def test_every_other_request_is_one_call() -> None:
         *is_set('law', 'compensation'), *is_set('switching', 'sign'),
         call.start(), call.stop(), call.torques(True), call.torques(False)]
     assert asked({'move': 'stop'}, {'move': 'home'}, {'guide': True}, {'guide': False},
+                 {'learning': 'freeze'}, {'learning': 'resume'}, {'learning': 'reset'},
                  {'speed': 0.5}, {'payload': 1.2}) == [
         call.move('stop'), call.move('home'), call.guide(True), call.guide(False),
+        call.learning('freeze'), call.learning('resume'), call.learning('reset'),
         call.set('reference', {'speed_scaling': 0.5}), *is_set('payload_mass', 1.2)]
     fields = [{'plant': {'name': 'coulomb_friction', 'values': x}} for x in ([1, 2, 3], [5])]
     values: tuple[Any, ...] = ([1.0, 2.0, 3.0], [5.0] * 3)
@@ -173,6 +176,13 @@ def test_every_other_request_is_one_call() -> None:
         {'disturbance.push': [0.0, 5.0, 0.0]})]
     assert [asked({'time': {**TIME, 'action': x}})[0].args[1]['hold_at'] for x in (
         'hold', 'step', 'run')] == [1.001, 1.007, 0.0]
+
+
+@pytest.mark.parametrize(
+    'value, shown', [(True, True), (False, False), (None, False), ('x', False)])
+def test_learning_has_buttons_only_where_something_learns(value: Any, shown: bool) -> None:
+    page = controls(reference={'learning': value})[0]
+    assert page.state()['learning'] is shown
 
 
 def test_a_gain_without_effect_has_no_slider() -> None:
@@ -314,3 +324,40 @@ def test_the_light_shows_all_its_lines_and_nothing_below_it_moves_up_under_the_p
         elsewhere = put(2)
         assert [x[0] for x in (few, many, under_the_pointer, elsewhere)] == [True] * 4
         assert few[1] == elsewhere[1] < many[1] == under_the_pointer[1]
+
+
+@pytest.mark.browser
+def test_passes_of_a_reference_that_learns_have_a_line_and_their_history(started_browser: Any
+                                                                         ) -> None:
+    """Nothing is shown where nothing learns, and a reset begins a new history."""
+    with browser_page(started_browser) as page:
+        page.set_content(
+            '<div id="panel"><div id="light"></div><div id="passes" class="ctc-passes" hidden>'
+            f'</div></div><style>{STYLE.read_text()}{(WEB / "live.css").read_text()}</style>'
+            f'<script>{(WEB / "numbers.js").read_text()}{(WEB / "status.js").read_text()}'
+            '</script><script>window.show = ctcStatus(document.getElementById("light"), null, '
+            'null, document.getElementById("passes")).passes;</script>')
+        line = page.locator('#passes')
+        svg = page.locator('#passes polyline')
+
+        def put(**values: Any) -> str:
+            page.evaluate('values => show(values)', {
+                name.replace('_', ' '): str(value) for name, value in values.items()})
+            return str(line.inner_text())
+
+        put(time='real')
+        assert not line.is_visible()
+        put(**{'learning': 'waiting for a motion that is repeated', 'pass': 0})
+        assert line.inner_text() == 'pass 1 · waiting for a motion that is repeated'
+        for number, error in ((1, 0.0021), (2, 2.1e-4), (2, 2.1e-4), (3, '2.1e-05')):
+            text = put(**{'learning': 'learning', 'pass': number, 'pass error': error})
+        assert text.strip() == 'pass 3: 2.1e-5 rad · learning'
+        points = svg.get_attribute('points').split()
+        assert points == ['2.0,2.0', '100.0,15.0', '198.0,28.0']
+        put(**{'learning': 'learning', 'pass': 0})
+        assert svg.count() == 0
+        text = put(**{'learning': EVIL, 'pass': EVIL, 'pass error': EVIL})
+        assert EVIL in text
+        assert page.locator('#passes img').count() == 0
+        put(time='real')
+        assert not line.is_visible()

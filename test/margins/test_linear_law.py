@@ -58,3 +58,9 @@ def test_a_rate_of_drives_without_lag_is_no_obstacle() -> None:
     free = linear_law(config, MASS)
     limited = linear_law(config.changed({'torque_rate_limit': [50.0, 50.0]}), MASS)
     assert all(np.array_equal(x, y) for x, y in zip(free, limited))
+
+
+def test_adapted_friction_integrates_the_error() -> None:
+    """While there is friction, its level rises and falls alike."""
+    found = linear_law(ControllerConfig(law='slotine_li', friction_level=(0.0, 0.0)), MASS)
+    assert np.allclose(found.A, np.eye(2))

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 import sys
@@ -32,7 +33,7 @@ import numpy as np
 from processes import CONFIG, probe
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from recorded_runs import assert_equal, counts, record
+from recorded_runs import assert_equal, counts, record, reports_of
 from ros_messages import COMMANDS, MS, ns
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
@@ -127,6 +128,48 @@ bringup:
     assert counts(tmp_path / 'bag')['/robot1/joint_states'] >= len(result.run.t)
     rest = result.run.t >= 0.4
     assert rest.sum() > 20 and (result.run.q_d[rest] == [0.4, 0.0]).all()
+
+
+#: Parameters of the reference, and of the plant.
+LEARNING = [
+    pytest.param('pd_gravity', 'speed_scaling: 1.0', 'sample_loss: 0.05', 3.6, (),
+                 id='quick'),
+    pytest.param('observer_feedback', 'speed_scaling: 0.5', 'sample_loss: 0.05', 8.0, (),
+                 marks=pytest.mark.slow),
+    pytest.param('pd_gravity', 'speed_scaling: 0.5',
+                 'sample_loss: 0.05, sample_jitter: 4.0e-4, late_samples: 0.1', 8.0,
+                 ('q_d', 'dq_d', 'ddq_d', 'v'), marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize(('law', 'reference', 'plant', 'duration', 'but'), LEARNING)
+def test_learning_is_that_of_the_simulation_to_the_last_bit(
+        tmp_path: Path, law: str, reference: str, plant: str, duration: float, but: Sequence[str]
+        ) -> None:
+    """The reference of a bag is interpolated between samples, with jitter by another formula."""
+    file = tmp_path / 'params.yaml'
+    file.write_text(f"""
+/**:
+  ros__parameters: {{control_period: 0.002}}
+plant:
+  ros__parameters: {{pacing: lockstep, duration: {duration}, initial_position: [3.1, 1.5],
+    coulomb_friction: [3.0, 1.0], actuator_lag: [0.002, 0.002], compiled: false,
+    encoder_resolution: [1.0e-5, 1.0e-5], {plant}}}
+controller:
+  ros__parameters: {{law: {law}, kp: [400.0, 400.0], kv: [40.0, 40.0], compiled: false,
+    estimator_bandwidth: 50.0, actuator_lag: [0.002, 0.002], state_decimation: 3}}
+reference:
+  ros__parameters: {{learning: true, frequency: [4.0, 8.0], amplitude: [0.05, 0.02],
+    joint_names: [joint2, joint1], center: [1.5, 3.1], start_duration: 0.2, {reference}}}
+""")
+    expected = simulate(parameter_file.load(file))
+    result = record(tmp_path / 'bag', '--params-file', str(file), '--gains', 'file')
+    assert expected.learner is not None
+    errors = [max(x.rms) for x in expected.learner.passes]
+    assert len(errors) >= 3 and errors[-1] < 0.6 * errors[0]
+    report = reports_of(tmp_path / 'bag', 'reference')[-1]
+    assert (report['pass'], report['learning']) == (str(len(errors)), 'learning')
+    assert float(report['pass error']) == pytest.approx(errors[-1], rel=1e-3)
+    assert_equal(result.run, expected.run, but)
 
 
 def test_a_robot_of_a_urdf_and_the_bag_says_all(tmp_path: Path) -> None:

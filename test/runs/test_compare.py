@@ -19,6 +19,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -325,7 +326,129 @@ def test_a_killed_comparison_continues(arm: Path, tmp_path: Path) -> None:
         assert (out / name).read_bytes() == (whole / name).read_bytes()
 
 
+#: Laws and options of a quick comparison with two passes.
+PASSES: dict[str, Any] = {'laws': ['pd_gravity'], 'passes': 2, 'show': lambda _: None}
+
+
+@pytest.fixture(scope='module')
+def learned(arm: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the output of laws that learned."""
+    out = tmp_path_factory.mktemp('learned')
+    compare([arm], **PASSES, out=out)
+    return out
+
+
+def test_passes_are_evaluated_one_by_one(learned: Path) -> None:
+    """Check errors from the sinusoid itself, in passes between which the correction changes."""
+    table = pandas.read_csv(learned / 'compare.csv')
+    assert list(table['law']) == 3 * ['compensation'] + 3 * ['pd_gravity']
+    assert list(table['pass']) == 2 * [0, 1, 2]
+    assert set(table['learning']) == {'learning'}
+    settled, period, change = 3.0, 1.0, 0.75  # [s]
+    for law, rows in table.groupby('law'):
+        (file,) = (learned / 'parameters').glob(f'*_{law}_*')
+        setup = parameter_file.load(file)
+        assert setup.plant.duration == settled + 3 * (period + change)
+        result = simulate(setup, truth=True)
+        reference = setup.reference
+        angle = 2.0 * np.pi * np.outer(result.t, reference.frequency) + reference.phase
+        e = np.array(reference.center) + np.array(reference.amplitude) * np.sin(angle) - result.q
+        for k, (_, row) in enumerate(rows.iterrows()):
+            begin = settled + k * (period + change)
+            first, last = np.rint(np.array([begin, begin + period]) / 0.01).astype(int)
+            errors = np.sqrt((e[first:last + 1] ** 2).mean(axis=0))
+            assert row['rms_error'] == pytest.approx(errors.max(), rel=1e-9)
+            steps = np.abs(np.diff(result.tau[first:last + 1], axis=0)).sum(axis=0)
+            assert row['torque_variation_per_s'] == pytest.approx(steps.max() / period, rel=1e-9)
+        errors = rows['rms_error'].to_numpy()
+        assert errors[2] < 0.8 * errors[0]
+
+
+def test_the_table_of_passes_has_errors_before_and_after(learned: Path) -> None:
+    table = pandas.read_csv(learned / 'compare.csv')
+    text = (learned / 'compare.md').read_text(encoding='utf-8').replace('**', '')
+    heads, _, *rows = [cells(line) for line in text.splitlines() if '|' in line]
+    assert heads[3:] == ['learning', 'error before', 'after 2 passes', 'ratio',
+                         'variation before', 'after 2 passes']
+    for row in rows:
+        errors = table[table['law'] == row[0]]['rms_error'].to_numpy()
+        assert row[3:7] == [
+            'learning', f'{errors[0]:.1e}', f'{errors[-1]:.1e}', f'{errors[-1] / errors[0]:.2g}']
+    assert (learned / 'figures' / 'friction_error_by_pass.svg').exists()
+    page = (learned / 'index.html').read_text(encoding='utf-8')
+    assert page.count('<img ') == page.count('<table>') == 1
+
+
+def test_a_comparison_with_passes_continues(arm: Path, learned: Path, tmp_path: Path) -> None:
+    out = tmp_path / 'out'
+    shutil.copytree(learned, out)
+    lost = min(out.glob('shards/*.parquet'))
+    lost.unlink()
+    lines: list[str] = []
+    compare([arm], **{**PASSES, 'show': lines.append}, out=out)
+    assert lines[0] == '2 runs in 2 chunks, 1 of them computed'
+    assert (out / 'compare.csv').read_bytes() == (learned / 'compare.csv').read_bytes()
+    for other in (0, 3):
+        with pytest.raises(CtcError, match='for another spec or version'):
+            compare([arm], **{**PASSES, 'passes': other}, out=out)
+
+
+def test_the_end_of_learning_is_told_in_words(arm: Path) -> None:
+    reason = 'learning: no cut-off frequency converges'
+
+    def run(setup: Setup) -> Result:
+        if setup.controller.law == 'integral':
+            raise CtcError(reason)
+        result = simulate_truth(setup)
+        assert result.learner is not None
+        if setup.controller.law == 'pd_gravity':
+            result.learner.problem = 'the corrected motion is beyond the limits'
+        return result
+
+    spec = ComparisonSpec([arm], ['integral', 'pd_gravity'], passes=1)
+    found = evaluated(ComparisonRuns(spec.runs()), run)
+    text = compare_page.to_markdown(found)
+    words = {cells(line)[0]: cells(line)[3:] for line in text.splitlines() if '|' in line}
+    assert words['compensation'][0] == 'learning'
+    assert words['pd_gravity'][0] == 'the corrected motion is beyond the limits'
+    assert words['integral'] == [reason, *5 * ['']]
+    assert f',integral,,file,0,,,{reason},' in compare_page.to_csv(found)
+    ((_, figure, _),) = compare_page.figures(found)
+    errors, variation = figure.axes
+    for k, ax in enumerate((errors, variation)):
+        assert [np.asarray(line.get_ydata()).tolist() for line in ax.lines] == [
+            [numbers[k] for numbers in x.passes] for x in found if x.passes]
+    assert [x.get_text() for x in figure.legends[0].get_texts()] == [
+        'compensation, file', 'pd_gravity, file']
+
+
+def test_a_condition_has_the_worst_of_its_passes(arm: Path) -> None:
+    spec = ComparisonSpec([arm], ['compensation'], ['model_error'], passes=1)
+    made = ComparisonRuns(spec.runs())
+    (found,) = evaluated(made)
+    runs = [json.loads(made.row(k)['passes_of_run']) for k in range(2)]
+    assert found.passes == [tuple(map(max, zip(*numbers))) for numbers in zip(*runs)]
+
+
+@pytest.mark.parametrize('lines, words', [
+    ('frequency: [0.9403154, 1.17858]', 'no common period of up to 60 s'),
+    ('amplitude: [0.0, 0.0]', 'no joint moves'),
+    ('speed_scaling: 0.5', 'speed_scaling 1'),
+    (f'trajectory_file: {CONFIG / "trajectories" / "waypoints.yaml"}', 'trajectory_file')])
+def test_passes_of_a_motion_that_does_not_repeat_are_refused(
+        lines: str, words: str, tmp_path: Path) -> None:
+    file = tmp_path / 'mine.yaml'
+    file.write_text(f'plant: {{ros__parameters: {{duration: 5.0}}}}\n'
+                    f'reference: {{ros__parameters: {{{lines}}}}}')
+    with pytest.raises(CtcError, match=rf'mine\.yaml: .*{words}'):
+        compare([file], passes=2)
+
+
 @pytest.mark.parametrize(('arguments', 'words'), [
+    *((['friction', '--passes', x], ['--passes', x, '>= 1 and <= 100'])
+      for x in ('0', '-1', '1000', 'two')),
+    (['friction', '--passes', '2', '--held-out', '1'], ['held_out_26_0', 'no common period']),
+    ([CONFIG / 'maps' / 'gains.yaml', '--passes', '2'], ['spec of ctc map']),
     (['nowhere.yaml'], ['nowhere.yaml', 'no such file']),
     (['friction', '--condition', 'rain'], ['no condition is called rain', 'real_arm']),
     (['friction', '--laws', 'integral,sliding'], ["'sliding' is not allowed", 'slotine_li']),

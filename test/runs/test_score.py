@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -108,6 +109,11 @@ def test_slips_are_counted_at_rest_only() -> None:
     run = Run(t, one, dq, one, dq_d, one, one, one)
     np.testing.assert_allclose(slips_at_rest(run, (0.0, 1.6)), [2.0 / 1.001, 0.0], rtol=5e-3)
     np.testing.assert_allclose(slips_at_rest(run, (0.8, 1.6)), [1.0 / 0.801, 0.0], rtol=5e-3)
+    correction = np.random.default_rng(3).normal(size=(2001, 3, 2))
+    learned = dataclasses.replace(
+        run, dq_d=dq_d + correction[:, 1], ddq_d=one + correction[:, 2], correction=correction)
+    np.testing.assert_array_equal(
+        slips_at_rest(learned, (0.0, 1.6)), slips_at_rest(run, (0.0, 1.6)))
 
 
 def test_numbers_use_true_states() -> None:

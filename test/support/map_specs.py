@@ -64,8 +64,9 @@ def compared(experiment: str, *results: tuple[LawSettings, float, float, str]) -
     """Return what laws do on two joints: RMS error and torque variation of one, or a failure."""
     return outcomes(pandas.DataFrame([{
         'file': 'friction.yaml', 'experiment': experiment, 'condition': '', 'held_out': 0,
-        **x.columns, 'joints': json.dumps((f'1{experiment}', f'2{experiment}')),
-        'controller': '{}', **result_row(Score(failure=failure) if failure else Score(
+        **x.columns, 'passes_of_run': '[]', 'learning': '',
+        'joints': json.dumps((f'1{experiment}', f'2{experiment}')), 'controller': '{}',
+        **result_row(Score(failure=failure) if failure else Score(
             (rms, 2.0 * rms), (1.0, 1.0), (variation, 50.0), (1.0, 2.0), (1e3, 2e3), (9.0, 3.0),
             (1.0, 1.0), saturated=0.0, slips=(0.0, 0.0)), 2, Failure())}
         for x, rms, variation, failure in results]))

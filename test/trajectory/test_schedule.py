@@ -158,3 +158,16 @@ def test_a_motion_that_begins_again_has_its_parameters_from_its_start_on() -> No
     schedule.follow_clock(S)
     schedule.begin({}, S)
     assert schedule.update() == 0
+
+
+def test_the_desired_motion_has_the_instants_of_its_chunk() -> None:
+    """At half the speed, with a time of the states that does not begin at 0."""
+    plan = MotionPlan(CONFIG.changed({'speed_scaling': 0.5}), None)
+    plan.prepare()
+    schedule = MotionSchedule(plan, PERIOD, HORIZON)
+    assert [schedule.follow_states(7 * S, 5 * S) for _ in range(2)] == [None, 0]
+    schedule.follow_real_time(5 * S)
+    chunks = list(schedule.chunks())
+    assert len(chunks) == 4
+    for stamp, points in chunks:
+        assert schedule.desired(stamp) == points

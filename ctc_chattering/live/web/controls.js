@@ -106,6 +106,8 @@ const ctcControls = (parent, send) => {
   $('#disable').onclick = () => send({ torques: false });
   for (const button of $('#motion').querySelectorAll('[value]'))
     button.onclick = () => send({ move: button.value });
+  for (const button of $('#learning').querySelectorAll('button'))
+    button.onclick = () => send({ learning: button.value });
   $('#guide').onclick = () => send({ guide: true });
   $('#hold').onclick = () => send({ guide: false });
   for (const name of ['speed', 'payload']) {
@@ -158,6 +160,7 @@ const ctcControls = (parent, send) => {
       it.row.hidden = false;
       showGain(it);
     }
+    $('#learning').hidden = !state.learning;
     showValue('speed', state.speed);
     showValue('payload', state.payload);
     const { state: recorder, path, duration } = state.record;

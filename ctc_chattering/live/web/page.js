@@ -27,7 +27,7 @@ function seek(t) {
 }
 
 // --- messages of the server
-const status = ctcStatus($('light'), $('reports'), $('log'));
+const status = ctcStatus($('light'), $('reports'), $('log'), $('passes'));
 const receivers = {
   show({ joints, units, runs, options, note, time }) {
     plots?.remove();
@@ -46,7 +46,12 @@ const receivers = {
   scene: ctcView($('view'), send),
   ended(text) { $('ended').textContent = text; $('ended').hidden = !text; },
   ...status,
-  reports(nodes) { $('reports').parentElement.hidden = false; status.reports(nodes); },
+  reports(nodes) {
+    $('reports').parentElement.hidden = false;
+    status.reports(nodes);
+    const [, , values] = nodes.find(([node]) => node === 'reference') ?? [, , []];
+    status.passes(Object.fromEntries(values));
+  },
 };
 function connect() {
   socket = new WebSocket(`${location.origin.replace('http', 'ws')}/samples`);

@@ -1,0 +1,136 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+A correction in a file, to keep it between runs.
+
+`ctc learn` writes it, and the parameter ``learning_file`` of the reference names it. Beside the
+correction it has the motion, robot and law for which it was learned, and is refused for others.
+It is of NumPy's format, without objects that Python would have to load.
+"""
+
+from __future__ import annotations
+
+from hashlib import sha256
+from io import BytesIO
+import json
+import os
+from pathlib import Path
+from typing import Any
+from zipfile import ZipFile
+
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.errors import CtcError, prefixed
+from ctc_chattering.input_files import LARGEST, read_bytes
+from ctc_chattering.learning.motion import RepeatedMotion
+from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.time_grid import period_ns
+from ctc_chattering.output_files import check_file, write_bytes
+from ctc_chattering.trajectory.reference import ReferenceConfig
+import numpy as np
+
+#: Parameters of the controller without influence on the errors of a pass: rate of the reports,
+#: machine code, name of the description (its text counts), what only the design of filters and
+#: gains uses, and limits, which do not act in ordinary passes.
+_WITHOUT_INFLUENCE = {
+    'state_decimation', 'compiled', 'description', 'resonance', 'error_limit', 'effort_limit',
+    'effort_rate_limit', 'anti_windup'}
+#: Part of the learning bound by which rounding may exceed it.
+_ROUNDING = 1e-9
+
+
+def read_correction(path: Path, motion: RepeatedMotion, reference: ReferenceConfig,
+                    controller: ControllerConfig | None, description: str) -> Array:
+    """
+    Return the correction in a file, shape (N, n) [rad].
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    motion : RepeatedMotion
+        The present motion.
+    reference : ReferenceConfig
+        Joints, period and bound.
+    controller : ControllerConfig or None
+        None while it is not known: law and robot are then not compared.
+    description : str
+        Text of the controller's description of the robot, '' for none.
+
+    Raises
+    ------
+    CtcError
+        If there is no such file, it is no learned file, or was learned for another motion, robot
+        or law, or is beyond the bound.
+
+    """
+    if not os.path.lexists(path):
+        raise CtcError(f'{path}: there is no such file; make it with: ctc learn BAG --out {path}')
+    learned, rows = _load(path)
+    for name, value in _describe(motion, reference, controller, description).items():
+        if learned.get(name) != value:
+            difference = f'another {name}' if name in ('motion', 'robot') else (
+                f'{name} {str(learned.get(name))[:100]}, and now it is {value}')
+            raise CtcError(f'{path}: was learned for {difference}; make it anew from a bag of '
+                           'this setup: ctc learn BAG')
+    shape = motion.duration // period_ns(reference.control_period), len(reference.joint_names)
+    bound = reference.learning_bound
+    if rows.dtype != float or rows.shape != shape or not (
+            np.abs(rows) <= bound * (1.0 + _ROUNDING)).all():
+        raise CtcError(f'{path}: the correction must be {shape[0]} x {shape[1]} numbers within '
+                       f'learning_bound, {bound:g} rad')
+    return rows
+
+
+def write_correction(path: Path, rows: Array, motion: RepeatedMotion, reference: ReferenceConfig,
+                     controller: ControllerConfig, description: str) -> None:
+    """Write a correction, shape (N, n) [rad], with what `read_correction` compares."""
+    learned = json.dumps(_describe(motion, reference, controller, description))
+    content = BytesIO()
+    np.savez_compressed(content, rows=rows, learned=learned)
+    write_bytes(path, content.getvalue())
+
+
+def check_replaceable(path: Path, overwrite: bool) -> None:
+    """Raise `CtcError` unless there is no file, or a learned file that may be overwritten."""
+    check_file(path, overwrite)
+    if os.path.lexists(path):
+        with prefixed('not overwritten: '):
+            _load(path)
+
+
+def _load(path: Path) -> tuple[dict[str, Any], Array]:
+    """Return what a file was learned for, and its array; raise `CtcError` for other files."""
+    content = BytesIO(read_bytes(path))
+    try:
+        with ZipFile(content) as archive:
+            size = sum(member.file_size for member in archive.infolist())
+        if size <= LARGEST:
+            with np.load(content) as arrays:
+                return dict(json.loads(str(arrays['learned']))), arrays['rows']
+    except Exception:  # Of arbitrary bytes, decoders raise arbitrary exceptions.
+        pass
+    raise CtcError(f'{path}: is damaged, or no file of ctc learn')
+
+
+def _describe(motion: RepeatedMotion, reference: ReferenceConfig,
+              controller: ControllerConfig | None, description: str) -> dict[str, Any]:
+    """Return what a correction is learned for, as JSON has it."""
+    values: dict[str, Any] = {'motion': motion.name, 'joints': reference.joint_names}
+    if controller is not None:
+        values['robot'] = sha256(description.encode()).hexdigest()
+        values |= {name: value for name, value in controller.as_mapping().items()
+                   if name not in _WITHOUT_INFLUENCE and controller.takes(name)}
+    described: dict[str, Any] = json.loads(json.dumps(values))
+    return described
