@@ -293,12 +293,14 @@ class Learner:
             self._finish()
         if self._begin is None or s < self._begin:
             return
-        r = np.array(self.applied.at(s)[0] if correction is None else correction)
+        applied, rate, _ = map(np.array, self.applied.at(s))
+        r = applied if correction is None else np.array(correction)
         q, dq, _ = map(np.array, motion.motion.at(s))
         distance = np.array(q_d) - q - r
         distance -= TURN * np.rint(distance / TURN)
         # The controller takes a state at its sample, and not at its stamp.
-        if (np.abs(distance) > seconds(self._period) * np.abs(dq) + _ROUNDING).any():
+        allowed = seconds(self._period) * (np.abs(dq) + np.abs(rate)) + _ROUNDING
+        if (np.abs(distance) > allowed).any():
             self.interrupt(None)
             self.problem = 'the controller or its reference left the motion'
             return

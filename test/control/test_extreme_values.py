@@ -41,8 +41,8 @@ pytestmark = pytest.mark.filterwarnings('ignore::RuntimeWarning')
 C = TypeVar('C', bound=Config)
 #: Parameters that set up something else than numbers; the rest is drawn.
 FIXED = ('joint_names', 'model', 'description', 'locked', 'pacing', 'experiment',
-         'trajectory_file', 'learning_file', 'duration', 'integration_step', 'input_delay', 'compiled',
-         'friction_model')
+         'trajectory_file', 'learning_file', 'duration', 'integration_step', 'input_delay',
+         'compiled', 'friction_model')
 STEPS = 12
 LIMITED = settings(
     max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
