@@ -43,7 +43,7 @@ import numpy as np
 LEAD_NS = NANOSECONDS // 2
 #: Time in which one correction passes into another [s].
 FADE_S = 0.25
-#: Time from the begin of waypoints in which their correction begins [s].
+#: Time at the begin of waypoints in which their correction begins, and in which it ends [s].
 _ENTRY_S = 0.05
 #: Time from the start of a periodic motion to its first pass [ns].
 _SETTLING_NS = NANOSECONDS
@@ -377,6 +377,10 @@ class Learner:
         target: TimedMotion = self._none
         if self.motion is not None and rows is not None:
             target = Correction(self.motion, rows)
+            if not self.motion.is_periodic:
+                last = ConstantCorrection(rows[-1].tolist())
+                end = self.motion.begin + self.motion.duration
+                target = Transition(target, last, end - round(_ENTRY_S * NANOSECONDS), _ENTRY_S)
             present, _, _ = self.applied.at(begin)
             offset = np.array(present) - rows[0]
             is_within = (np.abs(rows).max(axis=0) + np.abs(offset) <= self._bound).all()

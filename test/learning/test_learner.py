@@ -129,6 +129,20 @@ def test_corrections_pass_into_each_other_smoothly() -> None:
     assert rate == pytest.approx(dq[1:-1], abs=1e-3)
 
 
+def test_the_correction_of_waypoints_ends_without_a_jolt() -> None:
+    """A robot that has not come to rest at the end leaves a rate of 0.03 rad/s there."""
+    learner = learner_of()
+    for begin in (0, 10 * SECOND):
+        motion = goal(begin)
+        learner.follow(motion, begin)
+        play(learner, motion, begin, begin + 3 * SECOND, wave())
+    end = 12 * SECOND
+    window = range(end - SECOND // 10, end + SECOND // 10, STEP // 40)
+    _, dq, ddq = np.array([learner.applied.at(t) for t in window]).transpose(1, 0, 2)
+    assert np.abs(dq).max() > 0.01 and not dq[-1].any()
+    assert np.abs(ddq).max() < 3.0
+
+
 def test_waypoints_are_learned_when_they_are_sent_again() -> None:
     learner = learner_of()
     for k in range(4):
