@@ -392,7 +392,6 @@ class Learner:
 
 
 def _bounded(rows: Array, bound: float) -> Array:
-    """Return a correction within ±bound, smooth, and within 0.1 % itself up to half of that."""
-    excess = np.abs(rows / bound) ** 8
-    bounded: Array = rows / (1.0 + excess) ** 0.125
+    """Return a correction whose joints are scaled to be within ±bound, and stay as smooth."""
+    bounded: Array = rows / np.maximum(np.abs(rows).max(axis=0) / bound, 1.0)
     return bounded

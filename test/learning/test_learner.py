@@ -315,6 +315,15 @@ def test_the_correction_never_exceeds_its_bound() -> None:
     assert 0.0199 < largest < 0.020001
 
 
+def test_a_correction_at_its_bound_is_as_smooth_as_the_error() -> None:
+    """A bound that cuts it off would have it accelerate ten times as fast."""
+    motion, learner = periodic(), learner_of(bound=0.02)
+    learner.follow(motion, 0)
+    play(learner, motion, 0, 15 * SECOND, wave(0.2))
+    ddq = [learner.applied.at(14 * SECOND + k * STEP)[2] for k in range(200)]
+    assert np.abs(ddq).max() < 1.1 * 0.02 * np.pi ** 2
+
+
 def test_another_reference_in_force_is_no_pass() -> None:
     motion, learner = periodic(), learner_of()
     learner.follow(motion, 0)
