@@ -52,6 +52,8 @@ MAX_GAP_NS = NANOSECONDS // 10
 #: Time by which waypoints are extended for the filter, so that their end passes into their begin
 #: [s].
 _LEAD_OUT_S = 1.0
+#: Number of motions that are remembered. A planner that plans anew sends ever others.
+MAX_MOTIONS = 50
 #: Rounding of a reported reference [rad].
 _ROUNDING = 1e-6
 #: Number of points of a pass at which limits are checked.
@@ -231,7 +233,10 @@ class Learner:
         if motion is None:
             self._fade(begin, fade)
             return
-        progress = self._progress.setdefault(motion.name, Progress())
+        progress = self._progress.pop(motion.name, Progress())
+        if len(self._progress) == MAX_MOTIONS:
+            del self._progress[next(iter(self._progress))]
+        self._progress[motion.name] = progress
         if rows is not None:
             progress.rows = rows
         if motion.is_periodic:

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ctc_chattering.learning.learner import LEAD_NS, Learner, LearningState
+from ctc_chattering.learning.learner import LEAD_NS, Learner, LearningState, MAX_MOTIONS
 from ctc_chattering.learning.learning_filter import LearningFilter
 from ctc_chattering.learning.motion import motion_of, RepeatedMotion, waypoint_motion
 from ctc_chattering.numerics.linear_algebra import Array
@@ -322,6 +322,23 @@ def test_a_correction_at_its_bound_is_as_smooth_as_the_error() -> None:
     play(learner, motion, 0, 15 * SECOND, wave(0.2))
     ddq = [learner.applied.at(14 * SECOND + k * STEP)[2] for k in range(200)]
     assert np.abs(ddq).max() < 1.1 * 0.02 * np.pi ** 2
+
+
+def test_the_motions_that_are_oldest_are_forgotten() -> None:
+    """Of a planner that plans anew, each is another."""
+    learner = learner_of()
+    goals = [goal(k * 10 * SECOND, last=1.0 + max(k - 1, 0)) for k in range(MAX_MOTIONS + 1)]
+    for motion in goals:
+        learner.follow(motion, motion.begin)
+        play(learner, motion, motion.begin, motion.begin + 2 * SECOND + STEP, wave())
+    remembered = []
+    for motion in reversed(goals):
+        learner.follow(motion, 10 ** 3 * SECOND)
+        remembered.append(len(learner.passes))
+    assert remembered == [1] * (MAX_MOTIONS - 1) + [2, 2]
+    learner.follow(goal(0, last=0.5), 10 ** 3 * SECOND)
+    learner.follow(goals[-1], 10 ** 3 * SECOND)
+    assert learner.passes == []
 
 
 def test_another_reference_in_force_is_no_pass() -> None:
