@@ -340,6 +340,8 @@ class Learner:
         correction = np.array([sample.correction for sample in samples])
         e = np.array([sample.e for sample in samples])
         rms = np.sqrt((e ** 2).mean(axis=0))
+        if not np.isfinite(rms).all():
+            raise CtcError('the errors of the pass are too large')
         progress.passes.append(Pass(begin, end, tuple(rms.tolist())))
         if self.is_frozen or self.refusal:
             return
@@ -349,7 +351,7 @@ class Learner:
         learning_filter = self._filter_of(motion)
         if learning_filter is None:
             raise CtcError('the parameters of the controller are not known')
-        count = motion.duration // self._period
+        count = max(motion.duration // self._period, 1)
         interval = motion.duration / count
         phases = np.array([motion.phase(sample.s) for sample in samples])
         around = motion.duration if motion.is_periodic else None

@@ -341,6 +341,26 @@ def test_the_motions_that_are_oldest_are_forgotten() -> None:
     assert learner.passes == []
 
 
+@pytest.mark.filterwarnings('ignore:overflow')
+def test_errors_beyond_all_numbers_are_left_out() -> None:
+    motion, learner = periodic(), learner_of()
+    learner.follow(motion, 0)
+    play(learner, motion, 0, 4 * SECOND, wave(1.7e308))
+    assert learner.passes == [] and learner.rows is None
+    assert learner.problem == 'the errors of the pass are too large'
+
+
+def test_waypoints_of_less_than_a_control_period_are_learned() -> None:
+    """The reference may have a longer period than the controller."""
+    learner, duration = learner_of(), STEP // 20
+    points = [((1e-3, 1e-3), (0.0, 0.0), (0.0, 0.0))]
+    motion = Waypoints([duration], points, (0, ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0))))
+    learner.follow(waypoint_motion(Route(['a', 'b'], [duration], points), motion, 0), 0)
+    for s in range(0, duration + STEP, STEP // 100):
+        learner.add(s, motion.at(s)[0], [0.01, 0.02])
+    assert learner.rows is not None and learner.rows.shape == (1, 2)
+
+
 def test_another_reference_in_force_is_no_pass() -> None:
     motion, learner = periodic(), learner_of()
     learner.follow(motion, 0)

@@ -19,6 +19,7 @@ from __future__ import annotations
 from threading import Event
 
 from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.learning.design import filter_for
 from ctc_chattering.learning.learner import MAX_MOTIONS
 from ctc_chattering.learning.motion import motion_of
 from ctc_chattering.ros import controller_law
@@ -35,12 +36,11 @@ def test_a_filter_of_a_law_that_has_gone_is_not_computed(monkeypatch: pytest.Mon
     config = ReferenceConfig(learning=True)
     motion = motion_of(config, None, make_motion(config))
     may_begin, computed = Event(), []
-    design = controller_law.filter_for
 
     def slow(*arguments: object) -> object:
         may_begin.wait()
         computed.append(arguments)
-        return design(*arguments)  # type: ignore[arg-type]
+        return filter_for(*arguments)  # type: ignore[arg-type]
 
     monkeypatch.setattr(controller_law, 'filter_for', slow)
     with probe() as it:
