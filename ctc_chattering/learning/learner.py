@@ -335,7 +335,7 @@ class Learner:
         progress = self._present
         stamps = np.array([begin, *(sample.s for sample in samples), end])
         gap = int(np.diff(stamps).max())
-        if gap >= min(MAX_GAP_NS, (end - begin + 1) // 2):
+        if gap > min(MAX_GAP_NS, (end - begin) // 2):
             raise CtcError(f'errors of {seconds(gap):.3g} s are missing in the pass')
         correction = np.array([sample.correction for sample in samples])
         e = np.array([sample.e for sample in samples])
@@ -400,5 +400,7 @@ class Learner:
 
 def _bounded(rows: Array, bound: float) -> Array:
     """Return a correction whose joints are scaled to be within ±bound, and stay as smooth."""
-    bounded: Array = rows / np.maximum(np.abs(rows).max(axis=0) / bound, 1.0)
+    # A spline exceeds its samples by less than their second difference.
+    bend = np.abs(np.diff(rows, 2, axis=0)).max(axis=0, initial=0.0)
+    bounded: Array = rows / np.maximum((np.abs(rows).max(axis=0) + bend) / bound, 1.0)
     return bounded

@@ -315,6 +315,19 @@ def test_the_correction_never_exceeds_its_bound() -> None:
     assert 0.0199 < largest < 0.020001
 
 
+def test_the_correction_is_within_its_bound_between_the_samples() -> None:
+    """Samples of a pass that is no multiple of the control period lie between those of others."""
+    motion = periodic()
+    learning_filter = LearningFilter(np.array([0.1, 50.0]), np.stack([np.eye(2) + 0.0j] * 2),
+                                     10.0, 0.5)
+    learner = Learner(2, 0.02, 3 * STEP, lambda _: learning_filter)
+    learner.follow(motion, 0)
+    fast = 14.0 * np.pi
+    play(learner, motion, 0, 5 * SECOND, lambda t: np.sin([fast * t + 0.1, fast * t + 1.0]))
+    q = [learner.applied.at(4 * SECOND + k * STEP // 10)[0] for k in range(2000)]
+    assert 0.005 < np.abs(q).max() <= 0.02
+
+
 def test_a_correction_at_its_bound_is_as_smooth_as_the_error() -> None:
     """A bound that cuts it off would have it accelerate ten times as fast."""
     motion, learner = periodic(), learner_of(bound=0.02)
@@ -339,6 +352,14 @@ def test_the_motions_that_are_oldest_are_forgotten() -> None:
     learner.follow(goal(0, last=0.5), 10 ** 3 * SECOND)
     learner.follow(goals[-1], 10 ** 3 * SECOND)
     assert learner.passes == []
+
+
+def test_an_error_may_be_lost_at_the_slowest_rate_of_reports() -> None:
+    motion, learner = periodic(), learner_of()
+    learner.follow(motion, 0)
+    interval, lost = SECOND // 20, SECOND + SECOND // 2
+    play(learner, motion, 0, 4 * SECOND, wave(), lambda s: s % interval != 0 or s == lost)
+    assert len(learner.passes) == 1 and learner.problem == ''
 
 
 @pytest.mark.filterwarnings('ignore:overflow')
