@@ -92,9 +92,9 @@ def filter_for(motion: RepeatedMotion, reference: ReferenceConfig, controller: C
     names = controller.joint_names
     if {*names} != {*reference.joint_names}:
         raise CtcError('learning: the reference must have the joints of the controller')
-    if 2 * controller.state_decimation * period_ns(controller.control_period) > MAX_GAP_NS:
+    if controller.state_decimation * period_ns(controller.control_period) > MAX_GAP_NS:
         raise CtcError(f'learning: with state_decimation {controller.state_decimation}, errors '
-                       f'come too rarely; allowed: one in {0.5 * seconds(MAX_GAP_NS):g} s or less')
+                       f'come too rarely; allowed: one in {seconds(MAX_GAP_NS):g} s or less')
     to_controller = [reference.joint_names.index(name) for name in names]
     to_reference = [names.index(name) for name in reference.joint_names]
     unscaled = controller.changed({'inertia_scale': 1.0, 'gravity_scale': 1.0})

@@ -55,6 +55,6 @@ def test_the_payload_of_the_controller_is_part_of_its_model() -> None:
 
 
 def test_errors_that_come_too_rarely_are_refused() -> None:
-    assert filter_of(setup_of('friction', state_decimation=50)).contraction < 1.0
-    with pytest.raises(CtcError, match='with state_decimation 51, errors come too rarely'):
-        filter_of(setup_of('friction', state_decimation=51))
+    assert filter_of(setup_of('friction', state_decimation=100)).contraction < 1.0
+    with pytest.raises(CtcError, match='with state_decimation 101, errors come too rarely'):
+        filter_of(setup_of('friction', state_decimation=101))

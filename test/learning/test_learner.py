@@ -19,7 +19,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ctc_chattering.learning.learner import LEAD_NS, Learner, LearningState, MAX_MOTIONS
+from ctc_chattering.learning.learner import (
+    LEAD_NS,
+    Learner,
+    LearningState,
+    MAX_GAP_NS,
+    MAX_MOTIONS,
+)
 from ctc_chattering.learning.learning_filter import LearningFilter
 from ctc_chattering.learning.motion import motion_of, RepeatedMotion, waypoint_motion
 from ctc_chattering.numerics.linear_algebra import Array
@@ -357,8 +363,8 @@ def test_the_motions_that_are_oldest_are_forgotten() -> None:
 def test_an_error_may_be_lost_at_the_slowest_rate_of_reports() -> None:
     motion, learner = periodic(), learner_of()
     learner.follow(motion, 0)
-    interval, lost = SECOND // 20, SECOND + SECOND // 2
-    play(learner, motion, 0, 4 * SECOND, wave(), lambda s: s % interval != 0 or s == lost)
+    lost = SECOND + SECOND // 2
+    play(learner, motion, 0, 4 * SECOND, wave(), lambda s: s % MAX_GAP_NS != 0 or s == lost)
     assert len(learner.passes) == 1 and learner.problem == ''
 
 
