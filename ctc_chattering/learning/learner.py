@@ -35,6 +35,7 @@ from ctc_chattering.learning.progress import Pass, Progress
 from ctc_chattering.numerics.angles import TURN
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
+from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import describe_violations, JointLimits
 from ctc_chattering.trajectory.transitions import TimedMotion, Transition
 import numpy as np
@@ -275,7 +276,7 @@ class Learner:
                 self._begin = until + _SETTLING_NS
 
     def add(self, s: int, q_d: Sequence[float], e: Sequence[float],
-            correction: Sequence[float] | None = None) -> None:
+            correction: Point | None = None) -> None:
         """
         Take an error that the controller reports.
 
@@ -285,8 +286,8 @@ class Learner:
             Path time of its stamp [ns].
         q_d, e : sequence of float, shape (n,)
             Position of the corrected reference, and error from it [rad].
-        correction : sequence of float, shape (n,), optional
-            Correction of the reference, by default that in force [rad].
+        correction : (position, velocity, acceleration), each of shape (n,), optional
+            Correction of the reference, by default that in force [rad, rad/s, rad/s²].
 
         """
         motion = self.motion
@@ -298,12 +299,14 @@ class Learner:
             self._finish()
         if self._begin is None or s < self._begin:
             return
-        r = np.array(self.applied.at(s)[0] if correction is None else correction)
-        q, dq, _ = map(np.array, motion.motion.at(s))
+        r, dr, ddr = map(np.array, self.applied.at(s) if correction is None else correction)
+        q, dq, ddq = map(np.array, motion.motion.at(s))
         distance = np.array(q_d) - q - r
         distance -= TURN * np.rint(distance / TURN)
         # The controller takes a state at its sample, and not at its stamp.
-        if (np.abs(distance) > seconds(self._period) * np.abs(dq) + _ROUNDING).any():
+        h = seconds(self._period)
+        allowed = h * np.abs(dq + dr) + 0.5 * h * h * np.abs(ddq + ddr) + _ROUNDING
+        if not (np.abs(distance) <= allowed).all():
             self.interrupt(None)
             self.problem = 'the controller or its reference left the motion'
             return

@@ -388,6 +388,21 @@ def test_waypoints_of_less_than_a_control_period_are_learned() -> None:
     assert learner.rows is not None and learner.rows.shape == (1, 2)
 
 
+def test_a_state_between_two_samples_is_on_the_motion() -> None:
+    """Also where a joint turns back: the correction moves, and the joint accelerates."""
+    motion, learner = periodic(), learner_of()
+    learner.follow(motion, 0)
+    sample, fast = STEP // 10, 5.0 * np.pi
+    for k, s in enumerate(range(0, 15 * SECOND, STEP)):
+        q_d = learner.corrected(motion.motion).at(s)[0]
+        stamp = s + k * 7 % 10 * sample // 10
+        phase = seconds(motion.phase(stamp))
+        e = 0.01 * np.sin([fast * phase, fast * phase + 1.0])
+        learner.add(stamp, q_d, e.tolist())
+        assert learner.problem == ''
+    assert len(learner.passes) == 5
+
+
 def test_another_reference_in_force_is_no_pass() -> None:
     motion, learner = periodic(), learner_of()
     learner.follow(motion, 0)
