@@ -43,7 +43,7 @@ import numpy as np
 
 
 class RecordedPasses(NamedTuple):
-    """What was learned from a bag, and for what."""
+    """Passes of a bag, with their setup."""
 
     learner: Learner
     reference: ReferenceConfig

@@ -74,7 +74,7 @@ def duration_of_passes(motion: RepeatedMotion, count: int) -> int:
 
 
 class LearningState(Enum):
-    """What a `Learner` does with its passes, in words."""
+    """State of a `Learner`, with its text."""
 
     LEARNING = 'learning'
     FROZEN = 'frozen'
@@ -317,13 +317,13 @@ class Learner:
         motion, begin, end = self.motion, self._begin, self._end
         assert motion is not None and begin is not None
         samples, self._samples = self._samples, []
-        before = self._present.rows
+        rows_of_pass = self._present.rows
         try:
             self._learn(motion, begin, end, samples)
             self.problem = ''
         except CtcError as error:
             self.problem = str(error)
-        is_changed = self._present.rows is not before
+        is_changed = self._present.rows is not rows_of_pass
         self._begin = None
         if motion.is_periodic:
             self._begin = end

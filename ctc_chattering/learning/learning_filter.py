@@ -104,8 +104,8 @@ class LearningFilter:
     def _gain_at(self, frequency: Array) -> ComplexArray:
         """Return L at frequencies [Hz], shape (len(frequency), n, n)."""
         last = len(self.frequencies) - 1
-        place = np.interp(frequency, self.frequencies, np.arange(last + 1))
-        k = np.minimum(place.astype(int), last - 1)
-        share = (place - k)[:, np.newaxis, np.newaxis]
+        index = np.interp(frequency, self.frequencies, np.arange(last + 1))
+        k = np.minimum(index.astype(int), last - 1)
+        share = (index - k)[:, np.newaxis, np.newaxis]
         gain: ComplexArray = (1.0 - share) * self.gain[k] + share * self.gain[k + 1]
         return gain

@@ -48,7 +48,7 @@ class Pass(NamedTuple):
 @dataclasses.dataclass
 class Progress:
     """
-    What was learned of a motion.
+    Knowledge of a motion from its passes.
 
     Attributes
     ----------
