@@ -99,7 +99,7 @@ def learn_from_bag(path: Path, classes: Mapping[str, object]) -> RecordedPasses:
     columns = [names.index(name) for name in reference.joint_names]
     q_d, e = (x[:, columns] for x in np.hsplit(tracking.values[0], 2))
     learned = followed.correction_at(tracking.stamps, desired)
-    correction = np.zeros_like(e) if learned is None else learned[:, 0, columns]
+    correction = np.zeros((len(e), 3, len(columns))) if learned is None else learned[..., columns]
     left_out = []
     for s, *sample in zip(instants, q_d, e, correction):
         learner.add(s, *sample)

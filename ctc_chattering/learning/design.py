@@ -161,7 +161,7 @@ def _designed(config: ControllerConfig, masses: tuple[tuple[tuple[float, ...], .
     converging = [f_c for f_c in candidates if contraction(f_c) <= _MAX_CONTRACTION]
     if not converging:
         raise CtcError(f'learning: no cut-off frequency from {_LOWEST_CUTOFF:g} Hz on converges '
-                       f'under law {config.law} with these gains')
+                       f'under law {config.law} with these gains and learning_gain {gain:g}')
     largest = converging[-1]
     if cutoff and not (cutoff <= highest and contraction(cutoff) <= _MAX_CONTRACTION):
         raise ParameterError(

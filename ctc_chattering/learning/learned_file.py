@@ -81,7 +81,7 @@ def read_correction(path: Path, motion: RepeatedMotion, reference: ReferenceConf
     for name, value in _describe(motion, reference, controller, description).items():
         if learned.get(name) != value:
             difference = f'another {name}' if name in ('motion', 'robot') else (
-                f'{name} {str(learned.get(name))[:100]}, and now it is {value}')
+                f'{name} {learned.get(name)!r:.100}, and now it is {value!r}')
             raise CtcError(f'{path}: was learned for {difference}; make it anew from a bag of '
                            'this setup: ctc learn BAG')
     shape = motion.duration // period_ns(reference.control_period), len(reference.joint_names)

@@ -35,6 +35,7 @@ from ctc_chattering.learning.progress import Pass, Progress
 from ctc_chattering.numerics.angles import TURN
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
+from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import describe_violations, JointLimits
 from ctc_chattering.trajectory.transitions import TimedMotion, Transition
 import numpy as np
@@ -43,15 +44,17 @@ import numpy as np
 LEAD_NS = NANOSECONDS // 2
 #: Time in which one correction passes into another [s].
 FADE_S = 0.25
-#: Time from the begin of waypoints in which their correction begins [s].
+#: Time at the begin of waypoints in which their correction begins, and in which it ends [s].
 _ENTRY_S = 0.05
 #: Time from the start of a periodic motion to its first pass [ns].
 _SETTLING_NS = NANOSECONDS
-#: Longest time between two errors of a pass [ns].
+#: Longest interval at which errors may be reported [ns].
 MAX_GAP_NS = NANOSECONDS // 10
 #: Time by which waypoints are extended for the filter, so that their end passes into their begin
 #: [s].
 _LEAD_OUT_S = 1.0
+#: Number of motions that are remembered. A planner that plans anew sends ever others.
+MAX_MOTIONS = 50
 #: Rounding of a reported reference [rad].
 _ROUNDING = 1e-6
 #: Number of points of a pass at which limits are checked.
@@ -231,7 +234,10 @@ class Learner:
         if motion is None:
             self._fade(begin, fade)
             return
-        progress = self._progress.setdefault(motion.name, Progress())
+        progress = self._progress.pop(motion.name, Progress())
+        if len(self._progress) == MAX_MOTIONS:
+            del self._progress[next(iter(self._progress))]
+        self._progress[motion.name] = progress
         if rows is not None:
             progress.rows = rows
         if motion.is_periodic:
@@ -270,7 +276,7 @@ class Learner:
                 self._begin = until + _SETTLING_NS
 
     def add(self, s: int, q_d: Sequence[float], e: Sequence[float],
-            correction: Sequence[float] | None = None) -> None:
+            correction: Point | None = None) -> None:
         """
         Take an error that the controller reports.
 
@@ -280,8 +286,8 @@ class Learner:
             Path time of its stamp [ns].
         q_d, e : sequence of float, shape (n,)
             Position of the corrected reference, and error from it [rad].
-        correction : sequence of float, shape (n,), optional
-            Correction of the reference, by default that in force [rad].
+        correction : (position, velocity, acceleration), each of shape (n,), optional
+            Correction of the reference, by default that in force [rad, rad/s, rad/s²].
 
         """
         motion = self.motion
@@ -293,14 +299,14 @@ class Learner:
             self._finish()
         if self._begin is None or s < self._begin:
             return
-        applied, rate, _ = map(np.array, self.applied.at(s))
-        r = applied if correction is None else np.array(correction)
-        q, dq, _ = map(np.array, motion.motion.at(s))
+        r, dr, ddr = map(np.array, self.applied.at(s) if correction is None else correction)
+        q, dq, ddq = map(np.array, motion.motion.at(s))
         distance = np.array(q_d) - q - r
         distance -= TURN * np.rint(distance / TURN)
         # The controller takes a state at its sample, and not at its stamp.
-        allowed = seconds(self._period) * (np.abs(dq) + np.abs(rate)) + _ROUNDING
-        if (np.abs(distance) > allowed).any():
+        h = seconds(self._period)
+        allowed = h * np.abs(dq + dr) + 0.5 * h * h * np.abs(ddq + ddr) + _ROUNDING
+        if not (np.abs(distance) <= allowed).all():
             self.interrupt(None)
             self.problem = 'the controller or its reference left the motion'
             return
@@ -331,12 +337,17 @@ class Learner:
         """Judge a pass, and make the correction of the next; raise `CtcError` if it cannot."""
         progress = self._present
         stamps = np.array([begin, *(sample.s for sample in samples), end])
-        gap = int(np.diff(stamps).max())
-        if gap > min(MAX_GAP_NS, (end - begin) // 2):
+        intervals = np.diff(stamps)
+        gap = int(intervals.max())
+        # One of the rarest errors may be lost.
+        allowed = max(MAX_GAP_NS, 2.5 * float(np.median(intervals)))
+        if gap > min(allowed, (end - begin) // 2):
             raise CtcError(f'errors of {seconds(gap):.3g} s are missing in the pass')
         correction = np.array([sample.correction for sample in samples])
         e = np.array([sample.e for sample in samples])
         rms = np.sqrt((e ** 2).mean(axis=0))
+        if not np.isfinite(rms).all():
+            raise CtcError('the errors of the pass are too large')
         progress.passes.append(Pass(begin, end, tuple(rms.tolist())))
         if self.is_frozen or self.refusal:
             return
@@ -346,7 +357,7 @@ class Learner:
         learning_filter = self._filter_of(motion)
         if learning_filter is None:
             raise CtcError('the parameters of the controller are not known')
-        count = motion.duration // self._period
+        count = max(motion.duration // self._period, 1)
         interval = motion.duration / count
         phases = np.array([motion.phase(sample.s) for sample in samples])
         around = motion.duration if motion.is_periodic else None
@@ -379,6 +390,10 @@ class Learner:
         target: TimedMotion = self._none
         if self.motion is not None and rows is not None:
             target = Correction(self.motion, rows)
+            if not self.motion.is_periodic:
+                last = ConstantCorrection(rows[-1].tolist())
+                end = self.motion.begin + self.motion.duration
+                target = Transition(target, last, end - round(_ENTRY_S * NANOSECONDS), _ENTRY_S)
             present, _, _ = self.applied.at(begin)
             offset = np.array(present) - rows[0]
             is_within = (np.abs(rows).max(axis=0) + np.abs(offset) <= self._bound).all()
@@ -390,7 +405,8 @@ class Learner:
 
 
 def _bounded(rows: Array, bound: float) -> Array:
-    """Return a correction within ±bound, smooth, and within 0.1 % itself up to half of that."""
-    excess = np.abs(rows / bound) ** 8
-    bounded: Array = rows / (1.0 + excess) ** 0.125
+    """Return a correction whose joints are scaled to be within ±bound, and stay as smooth."""
+    # A spline exceeds its samples by less than their second difference.
+    bend = np.abs(np.diff(rows, 2, axis=0)).max(axis=0, initial=0.0)
+    bounded: Array = rows / np.maximum((np.abs(rows).max(axis=0) + bend) / bound, 1.0)
     return bounded

@@ -143,10 +143,10 @@ class LearningSchedule(MotionSchedule):
         self.learner.problem = ''
         if repetition is None or plan.motion is None:
             return None
-        route, begin = repetition
+        route, begin, start = repetition
         try:
             return (motion_of(plan.config, None, plan.motion) if route is None
-                    else waypoint_motion(route, plan.motion, begin))
+                    else waypoint_motion(route, plan.motion, begin, start))
         except CtcError as error:
             self.learner.problem = str(error)
             return None

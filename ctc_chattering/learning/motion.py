@@ -25,7 +25,7 @@ from collections.abc import Sequence
 import dataclasses
 from fractions import Fraction
 from hashlib import sha256
-from math import gcd, lcm
+from math import cos, gcd, lcm, sin
 
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS
@@ -111,7 +111,8 @@ def motion_of(config: ReferenceConfig, route: Route | None, motion: TimedMotion
     return RepeatedMotion(_name(profile), motion, 0, _period(config), True, start)
 
 
-def waypoint_motion(route: Route, motion: TimedMotion, begin: int) -> RepeatedMotion:
+def waypoint_motion(route: Route, motion: TimedMotion, begin: int, start: Sequence[float] = ()
+                    ) -> RepeatedMotion:
     """
     Return waypoints as a motion that may be sent again.
 
@@ -123,12 +124,16 @@ def waypoint_motion(route: Route, motion: TimedMotion, begin: int) -> RepeatedMo
         The motion through them.
     begin : int
         Path time from which they count [ns].
+    start : sequence of float, shape (n,), optional
+        Position there, which tells the way to the first of them from others [rad].
 
     """
+    # The same on every turn, and to a hundredth.
+    direction = [round(f(x), 2) + 0.0 for x in start for f in (cos, sin)]
     points = [[list(row) for row in point] for point in route.points]
     times = [t - begin for t in route.times]
-    return RepeatedMotion(
-        _name((list(route.names), times, points)), motion, begin, times[-1], False, begin)
+    name = _name((list(route.names), times, points, direction))
+    return RepeatedMotion(name, motion, begin, times[-1], False, begin)
 
 
 def _period(config: ReferenceConfig) -> int:

@@ -32,6 +32,7 @@ from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import as_ctc_error
 from ctc_chattering.learning.design import filter_for
 from ctc_chattering.learning.learned_file import read_correction
+from ctc_chattering.learning.learner import MAX_MOTIONS
 from ctc_chattering.learning.learning_filter import LearningFilter
 from ctc_chattering.learning.motion import RepeatedMotion
 from ctc_chattering.ros.parameters import CHANGES
@@ -99,6 +100,8 @@ class ControllerLaw:
     def _start(self, motion: RepeatedMotion) -> Future[LearningFilter] | None:
         """Have a filter computed, once the law is known."""
         if self._values and motion.name not in self._filters:
+            if len(self._filters) == MAX_MOTIONS:
+                self._filters.pop(next(iter(self._filters))).cancel()
             self._filters[motion.name] = self._worker.submit(
                 self._compute, motion, self._values, self._description)
         return self._filters.get(motion.name)
@@ -127,6 +130,8 @@ class ControllerLaw:
         if (before, described) == (values, description):
             return
         self._values, self._description = values, description
+        for future in self._filters.values():
+            future.cancel()
         self._filters.clear()
         is_other = any(value != values.get(name) for name, value in before.items()
                        if name not in _PAYLOAD)

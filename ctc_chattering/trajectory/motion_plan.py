@@ -25,6 +25,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from typing import NamedTuple
 
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import (
@@ -88,6 +89,8 @@ class Repetition(NamedTuple):
     route: Route | None
     #: Path time from which it counts [ns].
     begin: int
+    #: Position from which waypoints that were sent begin [rad].
+    start: Vector = ()
 
 
 class MotionPlan:

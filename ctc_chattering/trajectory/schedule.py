@@ -230,7 +230,8 @@ class MotionSchedule:
             return Followed(0, 0, path_begin)
         followed = self._plan.follow(route, self.path_time, path_begin, rate)
         if followed.waypoints and start >= path_begin:
-            self._plan.repetition = Repetition(route, start)
+            q, _, _ = self._plan.motion.at(start)
+            self._plan.repetition = Repetition(route, start, q)
         self._next = begin // self._period
         return followed
 

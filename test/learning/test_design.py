@@ -219,6 +219,12 @@ def test_an_unstable_law_is_refused() -> None:
         designed(setup)
 
 
+def test_a_gain_with_which_nearly_nothing_is_learned_is_named() -> None:
+    setup = setup_of('friction', 'pd_gravity')
+    with pytest.raises(CtcError, match=r'with these gains and learning_gain 0\.03'):
+        design_filter(setup.controller, masses_of(setup), 0.03, 0.0)
+
+
 def test_joints_are_those_of_the_reference() -> None:
     """In another order it is the same filter, and with fewer joints it is refused."""
     setup = setup_of('friction', 'pd_gravity')

@@ -81,7 +81,7 @@ def test_parameters_without_influence_may_differ(file: Path, values: dict[str, o
     (changed('reference', phase=0.1), 'robot', 'another motion'),
     (SETUP, 'other robot', 'another robot'),
     (changed('controller', law='observer_feedback'), 'robot',
-     'law pd_gravity, and now it is observer_feedback'),
+     "law 'pd_gravity', and now it is 'observer_feedback'"),
     (changed('controller', kp=[100.0, 900.0]), 'robot',
      r'kp \[900.0, 900.0\], and now it is \[100.0, 900.0\]'),
     (changed('reference', joint_names=['joint2', 'joint1'], center=[1.0, 1.0]), 'robot',
@@ -98,6 +98,15 @@ def test_law_and_robot_are_not_compared_while_they_are_not_known(file: Path) -> 
     motion, reference, _, _ = arguments(changed('reference', phase=0.1))
     with pytest.raises(CtcError, match='another motion'):
         read_correction(file, motion, reference, None, '')
+
+
+def test_a_file_does_not_write_to_the_terminal(file: Path) -> None:
+    with np.load(file) as arrays:
+        learned = json.loads(str(arrays['learned'])) | {'law': '\x1b[2J'}
+        np.savez(file, rows=arrays['rows'], learned=json.dumps(learned))
+    with pytest.raises(CtcError) as error:
+        read_correction(file, *arguments(SETUP))
+    assert str(error.value).isprintable()
 
 
 def test_joints_in_another_order_are_other_joints(tmp_path: Path) -> None:

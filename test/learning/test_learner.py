@@ -19,7 +19,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ctc_chattering.learning.learner import LEAD_NS, Learner, LearningState
+from ctc_chattering.learning.learner import (
+    LEAD_NS,
+    Learner,
+    LearningState,
+    MAX_GAP_NS,
+    MAX_MOTIONS,
+)
 from ctc_chattering.learning.learning_filter import LearningFilter
 from ctc_chattering.learning.motion import motion_of, RepeatedMotion, waypoint_motion
 from ctc_chattering.numerics.linear_algebra import Array
@@ -127,6 +133,20 @@ def test_corrections_pass_into_each_other_smoothly() -> None:
     q, dq, _ = np.array(points).transpose(1, 0, 2)
     rate = np.gradient(q, 1e-3, axis=0)[1:-1]
     assert rate == pytest.approx(dq[1:-1], abs=1e-3)
+
+
+def test_the_correction_of_waypoints_ends_without_a_jolt() -> None:
+    """A robot that has not come to rest at the end leaves a rate of 0.03 rad/s there."""
+    learner = learner_of()
+    for begin in (0, 10 * SECOND):
+        motion = goal(begin)
+        learner.follow(motion, begin)
+        play(learner, motion, begin, begin + 3 * SECOND, wave())
+    end = 12 * SECOND
+    window = range(end - SECOND // 10, end + SECOND // 10, STEP // 40)
+    _, dq, ddq = np.array([learner.applied.at(t) for t in window]).transpose(1, 0, 2)
+    assert np.abs(dq).max() > 0.01 and not dq[-1].any()
+    assert np.abs(ddq).max() < 3.0
 
 
 def test_waypoints_are_learned_when_they_are_sent_again() -> None:
@@ -299,6 +319,88 @@ def test_the_correction_never_exceeds_its_bound() -> None:
         largest = max(largest, float(np.abs(gap).max()))
     assert len(learner.passes) == 5
     assert 0.0199 < largest < 0.020001
+
+
+def test_the_correction_is_within_its_bound_between_the_samples() -> None:
+    """Samples of a pass that is no multiple of the control period lie between those of others."""
+    motion = periodic()
+    learning_filter = LearningFilter(np.array([0.1, 50.0]), np.stack([np.eye(2) + 0.0j] * 2),
+                                     10.0, 0.5)
+    learner = Learner(2, 0.02, 3 * STEP, lambda _: learning_filter)
+    learner.follow(motion, 0)
+    fast = 14.0 * np.pi
+    play(learner, motion, 0, 5 * SECOND, lambda t: np.sin([fast * t + 0.1, fast * t + 1.0]))
+    q = [learner.applied.at(4 * SECOND + k * STEP // 10)[0] for k in range(2000)]
+    assert 0.005 < np.abs(q).max() <= 0.02
+
+
+def test_a_correction_at_its_bound_is_as_smooth_as_the_error() -> None:
+    """A bound that cuts it off would have it accelerate ten times as fast."""
+    motion, learner = periodic(), learner_of(bound=0.02)
+    learner.follow(motion, 0)
+    play(learner, motion, 0, 15 * SECOND, wave(0.2))
+    ddq = [learner.applied.at(14 * SECOND + k * STEP)[2] for k in range(200)]
+    assert np.abs(ddq).max() < 1.1 * 0.02 * np.pi ** 2
+
+
+def test_the_motions_that_are_oldest_are_forgotten() -> None:
+    """Of a planner that plans anew, each is another."""
+    learner = learner_of()
+    goals = [goal(k * 10 * SECOND, last=1.0 + max(k - 1, 0)) for k in range(MAX_MOTIONS + 1)]
+    for motion in goals:
+        learner.follow(motion, motion.begin)
+        play(learner, motion, motion.begin, motion.begin + 2 * SECOND + STEP, wave())
+    remembered = []
+    for motion in reversed(goals):
+        learner.follow(motion, 10 ** 3 * SECOND)
+        remembered.append(len(learner.passes))
+    assert remembered == [1] * (MAX_MOTIONS - 1) + [2, 2]
+    learner.follow(goal(0, last=0.5), 10 ** 3 * SECOND)
+    learner.follow(goals[-1], 10 ** 3 * SECOND)
+    assert learner.passes == []
+
+
+def test_an_error_may_be_lost_at_the_slowest_rate_of_reports() -> None:
+    motion, learner = periodic(), learner_of()
+    learner.follow(motion, 0)
+    lost = SECOND + SECOND // 2
+    play(learner, motion, 0, 4 * SECOND, wave(), lambda s: s % MAX_GAP_NS != 0 or s == lost)
+    assert len(learner.passes) == 1 and learner.problem == ''
+
+
+@pytest.mark.filterwarnings('ignore:overflow')
+def test_errors_beyond_all_numbers_are_left_out() -> None:
+    motion, learner = periodic(), learner_of()
+    learner.follow(motion, 0)
+    play(learner, motion, 0, 4 * SECOND, wave(1.7e308))
+    assert learner.passes == [] and learner.rows is None
+    assert learner.problem == 'the errors of the pass are too large'
+
+
+def test_waypoints_of_less_than_a_control_period_are_learned() -> None:
+    """The reference may have a longer period than the controller."""
+    learner, duration = learner_of(), STEP // 20
+    points = [((1e-3, 1e-3), (0.0, 0.0), (0.0, 0.0))]
+    motion = Waypoints([duration], points, (0, ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0))))
+    learner.follow(waypoint_motion(Route(['a', 'b'], [duration], points), motion, 0), 0)
+    for s in range(0, duration + STEP, STEP // 100):
+        learner.add(s, motion.at(s)[0], [0.01, 0.02])
+    assert learner.rows is not None and learner.rows.shape == (1, 2)
+
+
+def test_a_state_between_two_samples_is_on_the_motion() -> None:
+    """Also where a joint turns back: the correction moves, and the joint accelerates."""
+    motion, learner = periodic(), learner_of()
+    learner.follow(motion, 0)
+    sample, fast = STEP // 10, 5.0 * np.pi
+    for k, s in enumerate(range(0, 15 * SECOND, STEP)):
+        q_d = learner.corrected(motion.motion).at(s)[0]
+        stamp = s + k * 7 % 10 * sample // 10
+        phase = seconds(motion.phase(stamp))
+        e = 0.01 * np.sin([fast * phase, fast * phase + 1.0])
+        learner.add(stamp, q_d, e.tolist())
+        assert learner.problem == ''
+    assert len(learner.passes) == 5
 
 
 def test_another_reference_in_force_is_no_pass() -> None:

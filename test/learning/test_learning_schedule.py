@@ -231,6 +231,20 @@ def test_the_same_goal_again_begins_with_what_was_learned() -> None:
     assert_smooth(robot.array(4 * S), largest=16.0, step=3.0)  # At the end of a correction.
 
 
+def test_a_goal_from_elsewhere_does_not_begin_with_what_was_learned() -> None:
+    """Its errors are others."""
+    robot = Robot()
+    goal = waypoints((1.0, (3.0, 1.0)))
+    counts = []
+    for start in ((2.9, 1.0), (2.9, 1.0), (2.9, 1.2), (2.9, 1.0), (2.9, 1.2)):
+        end = robot.schedule.follow(waypoints((1.0, start)), 0).end
+        robot.run_to(end + 200 * MS)
+        end = robot.schedule.follow(goal, 0).end
+        robot.run_to(end + 200 * MS)
+        counts.append(len(robot.learner.passes))
+    assert counts == [1, 2, 1, 3, 2]
+
+
 def test_waypoints_that_begin_in_the_past_are_not_learned() -> None:
     robot = Robot()
     robot.run_to(2 * S)

@@ -38,10 +38,12 @@ def periodic(*frequency: float, **values: Any) -> RepeatedMotion:
     return motion_of(config, None, make_motion(config, start=START))
 
 
-def waypoints(begin: int = 0, last: float = 1.0) -> RepeatedMotion:
+def waypoints(begin: int = 0, last: float = 1.0, start: tuple[float, ...] = ()
+              ) -> RepeatedMotion:
     times = [begin + NANOSECONDS, begin + 3 * NANOSECONDS]
     points = [((x, -x), (0.0, 0.0), (0.0, 0.0)) for x in (0.5, last)]
-    return waypoint_motion(Route(['a', 'b'], times, points), Waypoints(times, points), begin)
+    route = Route(['a', 'b'], times, points)
+    return waypoint_motion(route, Waypoints(times, points), begin, start)
 
 
 @pytest.mark.parametrize('frequency, period', [
@@ -88,6 +90,13 @@ def test_a_name_tells_motions_apart_and_not_their_start() -> None:
     assert len(names) == 6
     assert periodic(1.0, 0.5, start_duration=1.5).name == periodic(1.0, 0.5).name
     assert waypoints(begin=7).name == waypoints().name
+
+
+def test_the_name_of_a_goal_has_its_start_on_any_turn() -> None:
+    near = {waypoints(start=(turn + x, -1.0)).name
+            for turn in (0.0, 2.0 * np.pi, -4.0 * np.pi) for x in (np.pi, np.pi + 1e-9, 3.1415)}
+    assert len(near) == 1
+    assert near != {waypoints(start=(3.0, -1.0)).name} != {waypoints(start=(-3.0, -1.0)).name}
 
 
 def test_the_phase_of_waypoints_ends_with_them() -> None:
