@@ -175,9 +175,15 @@ class Learner:
 
     @property
     def outcome(self) -> str:
-        """Return in words what comes of the passes."""
+        """Return in words whether the last pass was learned from, and why not."""
+        if self.refusal:
+            return self.refusal
+        if self.problem:
+            # The error of a pass that was left out is not the one that stands before this.
+            subject = 'the latest pass was not learned from: ' if self.passes else ''
+            return subject + self.problem
         at_bound = ', with a correction at learning_bound' if self._is_at_bound else ''
-        return self.refusal or self.problem or self.state.value + at_bound
+        return self.state.value + at_bound
 
     @property
     def report(self) -> str:
