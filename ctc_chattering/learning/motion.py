@@ -143,7 +143,7 @@ def _period(config: ReferenceConfig) -> int:
     is_exact = all(abs(f - x) < 1e-9 for f, x in zip(moving, rates))
     if not is_exact or period > _MAX_PERIOD_S:
         raise CtcError(f'learning: the frequencies {moving} Hz have no common period of up to '
-                       f'{_MAX_PERIOD_S} s')
+                       f'{_MAX_PERIOD_S} s; round them, for example to multiples of 0.05 Hz')
     return round(period * NANOSECONDS)
 
 
