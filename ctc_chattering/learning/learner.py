@@ -43,20 +43,19 @@ import numpy as np
 LEAD_NS = NANOSECONDS // 2
 #: Time in which one correction passes into another [s].
 FADE_S = 0.25
-#: Time from the begin of waypoints in which their correction begins [s].
+#: Fade time of the correction at the begin of waypoints [s].
 _ENTRY_S = 0.05
 #: Time from the start of a periodic motion to its first pass [ns].
 _SETTLING_NS = NANOSECONDS
 #: Longest time between two errors of a pass [ns].
 MAX_GAP_NS = NANOSECONDS // 10
-#: Time by which waypoints are extended for the filter, so that their end passes into their begin
-#: [s].
+#: Time by which waypoints are extended for the filter, which needs a periodic signal [s].
 _LEAD_OUT_S = 1.0
 #: Rounding of a reported reference [rad].
 _ROUNDING = 1e-6
 #: Number of points of a pass at which limits are checked.
 _LIMIT_CHECKS = 500
-#: Share of a joint's correction below which it has none, for the sake of limits.
+#: Smallest share of a correction that is tried to keep limits. Below it the correction is 0.
 _LEAST_SHARE = 0.1
 
 
@@ -71,7 +70,7 @@ def duration_of_passes(motion: RepeatedMotion, count: int) -> int:
 
 
 class LearningState(Enum):
-    """What a `Learner` does with its passes, in words."""
+    """State of a `Learner`. The value is its text for the user."""
 
     LEARNING = 'learning'
     FROZEN = 'frozen'
@@ -110,9 +109,9 @@ class Learner:
     Attributes
     ----------
     problem : str
-        Why the last pass has changed nothing, if so.
+        Why nothing was learned from the last pass, '' if it was.
     refusal : str
-        Why learning need not converge, if so. Nothing is then learned.
+        Why nothing may be learned under the law in force, '' if it may.
     limits : sequence of JointLimits, length n, or None
         Limits that the corrected motion must keep.
     motion : RepeatedMotion or None
@@ -198,7 +197,7 @@ class Learner:
         return CorrectedMotion(motion, self.applied)
 
     def known_until(self) -> int | None:
-        """Return the path time before which the correction is final [ns], None for ever."""
+        """Return the path time before which the correction is final [ns], None without end."""
         motion, state = self.motion, self.state
         may_change = state is LearningState.LEARNING or (
             state is LearningState.STOPPED and self.rows is not None)
@@ -263,9 +262,9 @@ class Learner:
         Parameters
         ----------
         until : int or None
-            Path time from which the motion is followed at another speed [ns], None for that of the
-            next error. The next pass begins a second later. Waypoints are measured from their
-            begin only.
+            Path time from which passes are judged anew, as after a change of speed [ns]. The next
+            pass begins a second later. With None it begins a second after the next error, and is
+            judged as before. Waypoints are measured from their begin only.
 
         """
         self._samples = []
@@ -394,7 +393,7 @@ class Learner:
 
 
 def _bounded(rows: Array, bound: float) -> Array:
-    """Return a correction within ±bound, smooth, and within 0.1 % itself up to half of that."""
+    """Return a smooth correction within ±bound, which changes 0.1 % at most up to half of it."""
     excess = np.abs(rows / bound) ** 8
     bounded: Array = rows / (1.0 + excess) ** 0.125
     return bounded

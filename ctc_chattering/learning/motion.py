@@ -50,17 +50,17 @@ class RepeatedMotion:
     Attributes
     ----------
     name : str
-        What tells it from others.
+        Digest that identifies it.
     motion : TimedMotion
         The desired motion over path time, without a correction.
     begin : int
-        Path time at which it begins, and for a periodic one any with phase 0 [ns].
+        Path time at which the phase is 0 [ns]. For waypoints that is their begin.
     duration : int
         Duration of a pass [ns].
     is_periodic : bool
         Whether the next pass follows at once.
     start : int
-        Path time from which the motion is that of later passes, after a smooth start [ns].
+        Path time from which the motion repeats, the end of a smooth start [ns].
 
     """
 
@@ -148,5 +148,5 @@ def _period(config: ReferenceConfig) -> int:
 
 
 def _name(shape: object) -> str:
-    """Return a digest of what tells a motion from others."""
+    """Return a digest that identifies a motion."""
     return sha256(repr(shape).encode()).hexdigest()

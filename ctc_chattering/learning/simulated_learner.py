@@ -16,7 +16,7 @@
 The learner of a loop that is simulated or recorded.
 
 `analysis.result.simulate` makes one for a setup with ``learning``, and `ctc learn` one for a bag.
-It is that of the reference node, told what that node is told.
+It is the `Learner` of the reference node, and takes the same errors and parameters.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def make_learner(setup: Setup, robot: Plant, model: Model) -> Learner:
 
 
 def check_learning(setup: Setup) -> None:
-    """Raise `CtcError` where `learner_of` refuses a setup that learns."""
+    """Raise `CtcError` for a setup that learns if `learner_of` refuses it."""
     if setup.reference.learning:
         description = setup.descriptions.get('controller', '')
         plant = setup.plant
