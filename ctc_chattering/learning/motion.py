@@ -131,9 +131,14 @@ def waypoint_motion(route: Route, motion: TimedMotion, begin: int) -> RepeatedMo
         _name((list(route.names), times, points)), motion, begin, times[-1], False, begin)
 
 
+def moving_frequencies(config: ReferenceConfig) -> list[float]:
+    """Return the frequencies of the joints that the profile moves [Hz]."""
+    return [f for f, size in zip(config.frequency, config.amplitude) if f and size]
+
+
 def _period(config: ReferenceConfig) -> int:
     """Return the common period of the joints [ns], or raise `CtcError`."""
-    moving = [f for f, size in zip(config.frequency, config.amplitude) if f and size]
+    moving = moving_frequencies(config)
     if not moving:
         raise CtcError('learning: no joint moves')
     rates = [Fraction(f).limit_denominator(_MAX_DENOMINATOR) for f in moving]
