@@ -16,8 +16,8 @@
 Picture and table of docs/learning.md: `make validate STUDY=learning_page`, some minutes.
 
 Two arms of the package, with drives, a delay and an encoder of 2e-5 rad that the controller knows,
-and a model with 10 % too little inertia and gravity. Each law learns from 8 passes. The same motion
-without learning is the control, since the friction estimate of observer_feedback also improves.
+and a model with 10 % too little inertia and gravity. Each law learns from 8 passes. The control is
+the same motion without learning, since the friction estimate of observer_feedback also improves.
 """
 
 from __future__ import annotations
@@ -128,8 +128,8 @@ def write_picture(figure: Figure, path: Path) -> None:
 
 def table(passes: dict[tuple[str, str], Passes]) -> str:
     """Return the numbers as a Markdown table."""
-    lines = ['| arm | law | error before [rad] | after 2 passes | after 4 | after 8 | then, without '
-             'learning | torque variation, relative to before |', f'|{"---|" * 8}']
+    lines = ['| arm | law | error before [rad] | after 2 passes | after 4 | after 8 | then, '
+             'without learning | torque variation, relative to before |', f'|{"---|" * 8}']
     for (arm, law), (errors, variations, errors_without) in passes.items():
         numbers = [f'{x:.1e}' for x in (*(errors[k] for k in (0, 2, 4, 8)), errors_without[8])]
         lines.append(f'| {ARMS[arm]} | {law} | {" | ".join(numbers)} | '
