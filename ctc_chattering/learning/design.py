@@ -42,7 +42,7 @@ from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.learning.learner import MAX_GAP_NS
 from ctc_chattering.learning.learning_filter import ComplexArray, LearningFilter, low_pass
 from ctc_chattering.learning.motion import RepeatedMotion
-from ctc_chattering.margins.linear_law import is_proportional, linear_law
+from ctc_chattering.margins.linear_law import is_proportional, joints_are_equal, linear_law
 from ctc_chattering.margins.loop_margins import Loops
 from ctc_chattering.margins.reference_response import reference_response
 from ctc_chattering.numerics.linear_algebra import Array
@@ -196,19 +196,24 @@ def _linear_responses(config: ControllerConfig, masses: Sequence[Array], period:
     """
     omega = 2.0 * np.pi * frequencies
     identity = np.eye(len(masses[0]))
+    joints = np.ones_like(identity)
+    lags = {config.known_lag, config.assumed_lag}
     laws = [linear_law(config, identity, with_reference=True)]
     of_first = linear_law(config, masses[0], with_reference=True)
     if is_proportional(of_first, laws[0], masses[0]):
         masses = [identity]  # T does not depend on M̂.
+        if all(joints_are_equal(config, np.array(lag)) for lag in lags):
+            laws, masses, joints = [laws[0].one_joint()], [np.eye(1)], identity
     else:
-        others = [linear_law(config, mass, with_reference=True) for mass in masses[1:]]
-        laws = [of_first, *others]
+        laws = [of_first]
+        laws += [linear_law(config, mass, with_reference=True) for mass in masses[1:]]
     stable = []
-    for lag, differenced in product({config.known_lag, config.assumed_lag}, (True, False)):
-        loops = Loops(laws, masses, period, np.array(lag), config.input_delay, differenced)
+    for lag, differenced in product(lags, (True, False)):
+        of_joints = np.array(lag[:len(masses[0])])
+        loops = Loops(laws, masses, period, of_joints, config.input_delay, differenced)
         if loops.radius() < 1.0:
             of_ratios = [reference_response(loops, omega, ratio) for ratio in _RATIOS]
-            stable.append(np.stack(of_ratios, axis=1))
+            stable.append(joints * np.stack(of_ratios, axis=1))
     if not stable:
         raise CtcError(f'learning: law {config.law} is unstable with these gains, lag and delay')
     return np.concatenate(stable)

@@ -314,13 +314,13 @@ class Learner:
         motion, begin, end = self.motion, self._begin, self._end
         assert motion is not None and begin is not None
         samples, self._samples = self._samples, []
-        before = self._present.rows
+        rows_of_pass = self._present.rows
         try:
             self._learn(motion, begin, end, samples)
             self.problem = ''
         except CtcError as error:
             self.problem = str(error)
-        is_changed = self._present.rows is not before
+        is_changed = self._present.rows is not rows_of_pass
         self._begin = None
         if motion.is_periodic:
             self._begin = end
@@ -335,7 +335,7 @@ class Learner:
         progress = self._present
         stamps = np.array([begin, *(sample.s for sample in samples), end])
         gap = int(np.diff(stamps).max())
-        if gap >= min(MAX_GAP_NS, (end - begin + 1) // 2):
+        if gap > min(MAX_GAP_NS, (end - begin) // 2):
             raise CtcError(f'errors of {seconds(gap):.3g} s are missing in the pass')
         correction = np.array([sample.correction for sample in samples])
         e = np.array([sample.e for sample in samples])

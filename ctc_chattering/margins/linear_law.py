@@ -45,6 +45,7 @@ from ctc_chattering.control.step import PlainStep
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array, Flags, Rows, Vector
+from ctc_chattering.parameters import matrix
 import numpy as np
 
 #: Size of the differences [rad].
@@ -195,6 +196,19 @@ def is_proportional(law: LinearLaw, of_identity: LinearLaw, mass: Array) -> bool
     response = law.response()
     difference = np.abs(mass @ of_identity.response() - response).max()
     return bool(difference <= 1e-3 * np.abs(response).max())
+
+
+def joints_are_equal(config: ControllerConfig, lags: Array) -> bool:
+    """Return whether joints have equal, uncoupled gains and lags."""
+    n = len(lags)
+    rows = [lags.tolist()]
+    if config.takes('actuator_lag'):
+        rows.append(config.assumed_lag)
+    if config.takes('ki'):
+        rows.append(config.ki)
+    gains = [np.array(matrix(x, n)) for x in (config.kp, config.kv)]
+    return (all((x == x[0, 0] * np.eye(n)).all() for x in gains)
+            and all(len({*row}) == 1 for row in rows))
 
 
 def _without_limits(config: ControllerConfig) -> ControllerConfig:

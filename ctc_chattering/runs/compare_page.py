@@ -315,7 +315,7 @@ def draw_passes(group: Sequence[Outcome], title: str) -> Figure:
     for x, style in zip(group, law_styles([x.law.law for x in group])):
         name = f'{x.law.switching or x.law.law}, {x.law.gain_source}'
         for ax, values in zip(axes, zip(*x.passes)):
-            ax.plot(values, **style, markersize=5, label=name)
+            ax.plot(values, **style, markersize=5, label=name, clip_on=False)
             ax.set(xlabel='passes learned from')
             ax.locator_params('x', integer=True)
     axes[0].set(yscale='log')

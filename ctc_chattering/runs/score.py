@@ -202,7 +202,7 @@ def pass_columns(result: Result, passes: int) -> dict[str, str]:
         window = seconds(finished.begin), seconds(finished.end)
         numbers = metrics(result.run, window, result.config.control_period)
         rows.append([max(numbers['rms_error_rad']), max(numbers['torque_variation_nm_per_s'])])
-    state = result.learner.problem or result.learner.state.value
+    state = result.learner.outcome
     return {'passes_of_run': json.dumps(rows), 'learning': state}
 
 

@@ -28,7 +28,12 @@ from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
-from ctc_chattering.margins.linear_law import is_proportional, linear_law, LinearLaw
+from ctc_chattering.margins.linear_law import (
+    is_proportional,
+    joints_are_equal,
+    linear_law,
+    LinearLaw,
+)
 from ctc_chattering.margins.loop_margins import (
     Loops,
     Margins,
@@ -38,7 +43,6 @@ from ctc_chattering.margins.loop_margins import (
 from ctc_chattering.number_format import round_towards
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import period_ns, seconds
-from ctc_chattering.parameters import matrix
 from ctc_chattering.runs.recommended import desired_points
 import numpy as np
 
@@ -63,7 +67,7 @@ def loops_of(setup: Setup) -> Loops:
     lags = np.array(plant.actuator_lag)
     eye = np.eye(n)
     law = linear_law(config, eye)
-    are_equal = _joints_are_equal(config, lags)
+    are_equal = joints_are_equal(config, lags)
     # A coupled M̂ shows whether joints are independent.
     _check_proportion(config, law, eye + 0.3 if are_equal else 2.0 * eye)
     if plant.velocity_sensor == 'filtered' and (law.B[:, n:].any() or law.D[:, n:].any()):
@@ -84,19 +88,6 @@ def _check_proportion(config: ControllerConfig, law: LinearLaw, mass: Array) -> 
     if not is_proportional(linear_law(config, mass), law, mass):
         raise CtcError(f'law {config.law}: its torque is not proportional to the mass matrix of '
                        'its model, so that its stability cannot be computed')
-
-
-def _joints_are_equal(config: ControllerConfig, lags: Array) -> bool:
-    """Return whether joints have equal, uncoupled gains and lags."""
-    n = len(lags)
-    rows = [lags.tolist()]
-    if config.takes('actuator_lag'):
-        rows.append(config.assumed_lag)
-    if config.takes('ki'):
-        rows.append(config.ki)
-    gains = [np.array(matrix(x, n)) for x in (config.kp, config.kv)]
-    return (all((x == x[0, 0] * np.eye(n)).all() for x in gains)
-            and all(len({*row}) == 1 for row in rows))
 
 
 def masses_of(setup: Setup) -> list[Array]:

@@ -41,7 +41,7 @@ pytestmark = pytest.mark.filterwarnings('ignore::RuntimeWarning')
 C = TypeVar('C', bound=Config)
 #: Parameters that set up something else than numbers; the rest is drawn.
 FIXED = ('joint_names', 'model', 'description', 'locked', 'pacing', 'experiment',
-         'trajectory_file', 'duration', 'integration_step', 'input_delay', 'compiled',
+         'trajectory_file', 'learning_file', 'duration', 'integration_step', 'input_delay', 'compiled',
          'friction_model')
 STEPS = 12
 LIMITED = settings(

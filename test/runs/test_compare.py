@@ -343,7 +343,7 @@ def test_passes_are_evaluated_one_by_one(learned: Path) -> None:
     table = pandas.read_csv(learned / 'compare.csv')
     assert list(table['law']) == 3 * ['compensation'] + 3 * ['pd_gravity']
     assert list(table['pass']) == 2 * [0, 1, 2]
-    assert set(table['learning']) == {'learning'}
+    assert {x.partition(',')[0] for x in table['learning']} == {'learning'}
     settled, period, change = 3.0, 1.0, 0.75  # [s]
     for law, rows in table.groupby('law'):
         (file,) = (learned / 'parameters').glob(f'*_{law}_*')
@@ -372,8 +372,9 @@ def test_the_table_of_passes_has_errors_before_and_after(learned: Path) -> None:
                          'variation before', 'after 2 passes']
     for row in rows:
         errors = table[table['law'] == row[0]]['rms_error'].to_numpy()
-        assert row[3:7] == [
-            'learning', f'{errors[0]:.1e}', f'{errors[-1]:.1e}', f'{errors[-1] / errors[0]:.2g}']
+        assert row[3].startswith('learning')
+        assert row[4:7] == [
+            f'{errors[0]:.1e}', f'{errors[-1]:.1e}', f'{errors[-1] / errors[0]:.2g}']
     assert (learned / 'figures' / 'friction_error_by_pass.svg').exists()
     page = (learned / 'index.html').read_text(encoding='utf-8')
     assert page.count('<img ') == page.count('<table>') == 1
