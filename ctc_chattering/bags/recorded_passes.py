@@ -15,8 +15,8 @@
 """
 Learn a correction from the passes in a bag, for `ctc learn`.
 
-The `Learner` of the nodes gets the errors that the controller published. Where the controller was
-not at the motion of the recorded parameters, a pass is left out.
+The `Learner` of the nodes takes the errors that the controller published. A pass is left out if
+the controller did not follow the motion of the recorded parameters.
 """
 
 from __future__ import annotations
@@ -43,19 +43,19 @@ import numpy as np
 
 
 class RecordedPasses(NamedTuple):
-    """Passes of a bag, with their setup."""
+    """A learner with the passes of a bag, and the setup for which it learned."""
 
     learner: Learner
     reference: ReferenceConfig
     controller: ControllerConfig
     description: str
-    #: Why passes were left out, each with the path time at which that showed [s].
+    #: Reasons why passes were left out, each with the path time at which it was noticed [s].
     left_out: list[tuple[float, str]]
 
 
 def learn_from_bag(path: Path, classes: Mapping[str, object]) -> RecordedPasses:
     """
-    Return what the passes in a bag teach.
+    Return a learner that has taken all passes in a bag.
 
     Parameters
     ----------

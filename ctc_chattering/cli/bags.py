@@ -27,10 +27,10 @@ from pathlib import Path
 
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_bag, add_number, add_output, add_own, own
+from ctc_chattering.cli.presentation import print_passes
 from ctc_chattering.errors import as_ctc_error, CtcError, ParameterError, UsageError
 from ctc_chattering.input_files import check_regular
-from ctc_chattering.number_format import format_count, format_number
-from ctc_chattering.numerics.time_grid import seconds
+from ctc_chattering.number_format import format_count
 from ctc_chattering.output_folder import check_folder, new_folder
 from ctc_chattering.parameters import LEAST
 
@@ -117,7 +117,6 @@ def learn_options(parser: argparse.ArgumentParser) -> None:
 
 def run_learn(options: argparse.Namespace) -> int:
     """Run `ctc learn`."""
-    from ctc_chattering.analysis.tables import print_columns
     from ctc_chattering.bags.recorded_passes import learn_from_bag
     from ctc_chattering.learning.learned_file import check_replaceable, write_correction
     from ctc_chattering.learning.learner import LearningState
@@ -125,12 +124,7 @@ def run_learn(options: argparse.Namespace) -> int:
     check_replaceable(options.out, options.overwrite)
     learned = learn_from_bag(options.bag, own(options))
     learner, motion = learned.learner, learned.learner.motion
-    heads = 'pass', 'from [s]', 'to [s]', *learned.reference.joint_names
-    passes = [
-        (str(k), f'{seconds(x.begin):.4g}', f'{seconds(x.end):.4g}', *map(format_number, x.rms))
-        for k, x in enumerate(learner.passes, 1)]
-    print('RMS error of each joint [rad]')
-    print_columns([heads, *passes])
+    print_passes(learner.passes, learned.reference.joint_names)
     for t, reason in learned.left_out:
         print(f'a pass was left out at {t:.4g} s, because {reason}')
     if learner.state is not LearningState.LEARNING:

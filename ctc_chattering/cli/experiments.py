@@ -22,12 +22,23 @@ from __future__ import annotations
 
 import argparse
 import time
+from typing import TYPE_CHECKING
 
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_output, add_run_options, load_setup
-from ctc_chattering.cli.presentation import print_page, print_results, progress
+from ctc_chattering.cli.presentation import (
+    print_page,
+    print_passes,
+    print_results,
+    progress,
+)
 from ctc_chattering.number_format import format_count
+from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.output_folder import check_folder, new_folder
+
+if TYPE_CHECKING:
+    from ctc_chattering.configuration.loop_setup import Setup
+    from ctc_chattering.learning.learner import Learner
 
 #: Simulated duration of a run without an end.
 _DEFAULT_DURATION_S = 10.0
@@ -74,7 +85,25 @@ def run_simulate(options: argparse.Namespace) -> int:
             write_metrics([result], folder / METRICS)
             export(result, folder / 'trajectory.npz')
     print_results([result])
+    if result.learner is not None:
+        _print_learning(result.learner, setup)
     return 0
+
+
+def _print_learning(learner: Learner, setup: Setup) -> None:
+    """Print the passes of a run, or when the first one would have ended."""
+    from ctc_chattering.learning.learner import duration_of_passes
+
+    motion = learner.motion
+    if learner.passes:
+        print_passes(learner.passes, setup.reference.joint_names)
+        print(learner.report)
+    elif motion is not None and motion.is_periodic:
+        first_end = seconds(duration_of_passes(motion, 0) + motion.duration)
+        print(f'nothing was learned, because the first pass ends after {first_end:g} s; raise '
+              'duration of the plant, or give --duration')
+    else:
+        print(learner.report)
 
 
 def reproduce_options(parser: argparse.ArgumentParser) -> None:

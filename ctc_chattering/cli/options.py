@@ -114,8 +114,8 @@ def add_loop_options(parser: argparse.ArgumentParser) -> None:
     add_overrides(parser, 'law', 'control_period')
     parser.add_argument('--gains', choices=(FROM_FILE, RECOMMENDED),
                         help='Gains of the parameter file, or the recommended gains of law '
-                             'observer_feedback. Default: file, but recommended if --law selects '
-                             'observer_feedback.')
+                             'observer_feedback. Default: file, but gains that suit --law '
+                             'if the file has those of another kind of law.')
 
 
 def add_params_file(parser: argparse.ArgumentParser) -> None:

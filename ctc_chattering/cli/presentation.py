@@ -19,9 +19,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
-from ctc_chattering.number_format import format_numbers
+from ctc_chattering.number_format import format_number, format_numbers
+from ctc_chattering.numerics.time_grid import seconds
+
+if TYPE_CHECKING:
+    from ctc_chattering.learning.progress import Pass
 
 _BAR = '{desc}: {bar} {n_fmt}/{total_fmt} {unit} [{elapsed}]'
 
@@ -86,3 +90,12 @@ def print_results(results: Sequence[Any]) -> None:
         print_columns([['joint', 'compared', *map(str, run_names(results))], *compared])
     if notes:
         print_columns(notes)
+
+
+def print_passes(passes: Sequence[Pass], joint_names: Sequence[str]) -> None:
+    """Print the RMS error of each joint in each pass as a table."""
+    from ctc_chattering.analysis.tables import print_columns
+    rows = [(str(k), f'{seconds(x.begin):.4g}', f'{seconds(x.end):.4g}',
+             *map(format_number, x.rms)) for k, x in enumerate(passes, 1)]
+    print('RMS error of each joint [rad]')
+    print_columns([('pass', 'from [s]', 'to [s]', *joint_names), *rows])

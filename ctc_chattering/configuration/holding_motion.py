@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
-from math import inf, pi, sqrt
+from math import floor, inf, pi, sqrt
 from typing import NamedTuple
 
 from ctc_chattering.dynamics.model import Model
@@ -44,6 +44,11 @@ EFFORT_SHARE = 0.9
 _MAX_AMPLITUDE = 0.5
 #: Largest frequency [Hz].
 _MAX_FREQUENCY = 0.5
+#: Steps of frequencies, coarse ones first [Hz]. Multiples have a common period of up to 40 s,
+#: so that the motion can be learned. A lower frequency keeps its value.
+_FREQUENCY_STEPS = (0.05, 0.025)
+#: Share of a step by which a frequency may fall short of it by rounding.
+_STEP_ROUNDING = 1e-9
 #: Factors of amplitude and frequency that are tried where joints cannot hold the full motion.
 _REDUCTIONS = (0.5, 0.25)
 #: Fraction of the effort limits at which the weight of a posture is small enough.
@@ -196,7 +201,7 @@ def _make_motion(arm: HeldArm, center: Array, size: float) -> HoldingMotion:
     """Return a motion with its load, friction included."""
     positions = center.tolist()
     amplitudes = [_amplitude(joint, x, size) for joint, x in zip(arm.limits, positions)]
-    frequencies = [round_number(size * _frequency(joint, amplitude))
+    frequencies = [_repeatable(size * _frequency(joint, amplitude))
                    for joint, amplitude in zip(arm.limits, amplitudes)]
     names = [joint.name for joint in arm.limits]
     reference = ReferenceConfig.from_mapping({
@@ -230,6 +235,14 @@ def _frequency(joint: JointLimits, amplitude: float) -> float:
     by_velocity = SHARE * joint.velocity[1] / amplitude
     by_acceleration = sqrt(SHARE * joint.acceleration[1] / amplitude)
     return min(_MAX_FREQUENCY, by_velocity / (2.0 * pi), by_acceleration / (2.0 * pi))
+
+
+def _repeatable(frequency: float) -> float:
+    """Return the highest frequency on a step that is at most this one [Hz]."""
+    for step in _FREQUENCY_STEPS:
+        if frequency >= step:
+            return round_number(step * floor(frequency / step + _STEP_ROUNDING))
+    return round_number(frequency)
 
 
 def _light_postures(arm: HeldArm, middle: Array) -> Iterator[Array]:

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Many runs: comparisons, studies, maps and searches for gains; stability."""
+"""Learning a correction of the reference from the passes of a repeated motion."""

@@ -17,7 +17,7 @@ A correction in a file, to keep it between runs.
 
 `ctc learn` writes it, and the parameter ``learning_file`` of the reference names it. Beside the
 correction it has the motion, robot and law for which it was learned, and is refused for others.
-It is of NumPy's format, without objects that Python would have to load.
+It is in NumPy's format, and holds no pickled objects, so that reading it runs no code.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ from ctc_chattering.output_files import check_file, write_bytes
 from ctc_chattering.trajectory.reference import ReferenceConfig
 import numpy as np
 
-#: Parameters of the controller without influence on the errors of a pass: rate of the reports,
-#: machine code, name of the description (its text counts), what only the design of filters and
-#: gains uses, and limits, which do not act in ordinary passes.
+#: Parameters of the controller that may differ, since they do not change the errors of a pass:
+#: rate of the reports, machine code, path of the description (its text is compared), resonance,
+#: which only designs use, and limits, which do not act in ordinary passes.
 _WITHOUT_INFLUENCE = {
     'state_decimation', 'compiled', 'description', 'resonance', 'error_limit', 'effort_limit',
     'effort_rate_limit', 'anti_windup'}
@@ -126,7 +126,7 @@ def _load(path: Path) -> tuple[dict[str, Any], Array]:
 
 def _describe(motion: RepeatedMotion, reference: ReferenceConfig,
               controller: ControllerConfig | None, description: str) -> dict[str, Any]:
-    """Return what a correction is learned for, as JSON has it."""
+    """Return motion, robot and law of a correction as values of JSON."""
     values: dict[str, Any] = {'motion': motion.name, 'joints': reference.joint_names}
     if controller is not None:
         values['robot'] = sha256(description.encode()).hexdigest()

@@ -50,8 +50,7 @@ _ENTRY_S = 0.05
 _SETTLING_NS = NANOSECONDS
 #: Longest interval at which errors may be reported [ns].
 MAX_GAP_NS = NANOSECONDS // 10
-#: Time by which waypoints are extended for the filter, so that their end passes into their begin
-#: [s].
+#: Time by which waypoints are extended for the filter, which needs a periodic signal [s].
 _LEAD_OUT_S = 1.0
 #: Number of motions that are remembered. A planner that plans anew sends ever others.
 MAX_MOTIONS = 50
@@ -59,7 +58,7 @@ MAX_MOTIONS = 50
 _ROUNDING = 1e-6
 #: Number of points of a pass at which limits are checked.
 _LIMIT_CHECKS = 500
-#: Share of a joint's correction below which it has none, for the sake of limits.
+#: Smallest share of a correction that is tried to keep limits. Below it the correction is 0.
 _LEAST_SHARE = 0.1
 
 
@@ -74,7 +73,7 @@ def duration_of_passes(motion: RepeatedMotion, count: int) -> int:
 
 
 class LearningState(Enum):
-    """State of a `Learner`, with its text."""
+    """State of a `Learner`. The value is its text for the user."""
 
     LEARNING = 'learning'
     FROZEN = 'frozen'
@@ -113,9 +112,9 @@ class Learner:
     Attributes
     ----------
     problem : str
-        Why the last pass has changed nothing, if so.
+        Why nothing was learned from the last pass, '' if it was.
     refusal : str
-        Why learning need not converge, if so. Nothing is then learned.
+        Why nothing may be learned under the law in force, '' if it may.
     limits : sequence of JointLimits, length n, or None
         Limits that the corrected motion must keep.
     motion : RepeatedMotion or None
@@ -178,9 +177,15 @@ class Learner:
 
     @property
     def outcome(self) -> str:
-        """Return in words what comes of the passes."""
+        """Return in words whether the last pass was learned from, and why not."""
+        if self.refusal:
+            return self.refusal
+        if self.problem:
+            # The error of a pass that was left out is not the one that stands before this.
+            subject = 'the latest pass was not learned from: ' if self.passes else ''
+            return subject + self.problem
         at_bound = ', with a correction at learning_bound' if self._is_at_bound else ''
-        return self.refusal or self.problem or self.state.value + at_bound
+        return self.state.value + at_bound
 
     @property
     def report(self) -> str:
@@ -195,7 +200,7 @@ class Learner:
         return CorrectedMotion(motion, self.applied)
 
     def known_until(self) -> int | None:
-        """Return the path time before which the correction is final [ns], None for ever."""
+        """Return the path time before which the correction is final [ns], None without end."""
         motion, state = self.motion, self.state
         may_change = state is LearningState.LEARNING or (
             state is LearningState.STOPPED and self.rows is not None)
@@ -263,9 +268,9 @@ class Learner:
         Parameters
         ----------
         until : int or None
-            Path time from which the motion is followed at another speed [ns], None for that of the
-            next error. The next pass begins a second later. Waypoints are measured from their
-            begin only.
+            Path time from which passes are judged anew, as after a change of speed [ns]. The next
+            pass begins a second later. With None it begins a second after the next error, and is
+            judged as before. Waypoints are measured from their begin only.
 
         """
         self._samples = []

@@ -34,8 +34,8 @@ import numpy as np
 import numpy.typing as npt
 
 ComplexArray = npt.NDArray[np.complex128]
-#: Frequency above which Q is 0, over its cut-off frequency. Q is 1.5e-4 there.
-_LARGEST_FREQUENCY = 3.0
+#: Ratio of a frequency to f_c, above which Q = 1.5e-4 or less is taken as 0.
+_MAX_FREQUENCY_RATIO = 3.0
 
 
 def low_pass(frequency: Array, cutoff: float) -> Array:
@@ -58,7 +58,8 @@ class LearningFilter:
     cutoff : float
         f_c [Hz].
     contraction : float
-        Largest factor on the distance to the limit in one pass, below 1.
+        Bound of |Q (I - L T)|₂, below 1. A pass leaves at most this share of the distance of the
+        correction from its limit.
 
     """
 
@@ -82,12 +83,12 @@ class LearningFilter:
 
         """
         count = len(e)
-        added = round(lead_out / period)
-        weight = np.linspace(0.0, np.pi, added)[:, np.newaxis]
-        share = 0.5 + 0.5 * np.cos(weight)
+        added_count = round(lead_out / period)
+        angle = np.linspace(0.0, np.pi, added_count)[:, np.newaxis]
+        share = 0.5 + 0.5 * np.cos(angle)
         r, e = (np.vstack([x, share * x[-1] + (1.0 - share) * x[0]]) for x in (correction, e))
         frequency = np.fft.rfftfreq(len(e), period).astype(float)
-        passed = frequency < _LARGEST_FREQUENCY * self.cutoff
+        passed = frequency < _MAX_FREQUENCY_RATIO * self.cutoff
         frequency = frequency[passed]
         spectrum = np.zeros((len(passed), e.shape[1]), complex)
         e_spectrum, r_spectrum = (np.fft.rfft(x, axis=0)[passed] for x in (e, r))

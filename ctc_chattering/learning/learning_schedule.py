@@ -16,7 +16,7 @@
 The schedule of a reference that learns.
 
 It publishes the motion of the plan with the correction of a `Learner`. A chunk waits until its
-correction is final. The plan knows nothing of that.
+correction is final. The plan has the desired motion only.
 """
 
 from __future__ import annotations
@@ -63,9 +63,9 @@ class LearningSchedule(MotionSchedule):
         config = plan.config
         self.learner = Learner(
             len(config.joint_names), config.learning_bound, period, filter_of)
-        #: Replacements of the plan's motion, up to the one that is followed.
+        #: Number of the plan's motion that the learner follows, None for none.
         self._followed: int | None = None
-        #: Motion that is followed from its start on.
+        #: Motion that the learner will follow once its smooth start has ended.
         self._following: RepeatedMotion | None = None
 
     @property
@@ -111,7 +111,8 @@ class LearningSchedule(MotionSchedule):
         """
         Return whether the samples between two instants [ns] may be published.
 
-        They wait for the errors of a pass until they are needed. The pass is then left out.
+        Samples after a pass wait for its errors, since they change the correction. If the samples
+        are needed before the errors have come, the pass is left out.
         """
         self._follow_plan(self._clock.at(begin).instant, self._clock.at(end).instant)
         known_until = self.learner.known_until()

@@ -50,17 +50,17 @@ class RepeatedMotion:
     Attributes
     ----------
     name : str
-        What tells it from others.
+        Digest that identifies it.
     motion : TimedMotion
         The desired motion over path time, without a correction.
     begin : int
-        Path time at which it begins, and for a periodic one any with phase 0 [ns].
+        Path time at which the phase is 0 [ns]. For waypoints that is their begin.
     duration : int
         Duration of a pass [ns].
     is_periodic : bool
         Whether the next pass follows at once.
     start : int
-        Path time from which the motion is that of later passes, after a smooth start [ns].
+        Path time from which the motion repeats, the end of a smooth start [ns].
 
     """
 
@@ -136,9 +136,14 @@ def waypoint_motion(route: Route, motion: TimedMotion, begin: int, start: Sequen
     return RepeatedMotion(name, motion, begin, times[-1], False, begin)
 
 
+def moving_frequencies(config: ReferenceConfig) -> list[float]:
+    """Return the frequencies of the joints that the profile moves [Hz]."""
+    return [f for f, size in zip(config.frequency, config.amplitude) if f and size]
+
+
 def _period(config: ReferenceConfig) -> int:
     """Return the common period of the joints [ns], or raise `CtcError`."""
-    moving = [f for f, size in zip(config.frequency, config.amplitude) if f and size]
+    moving = moving_frequencies(config)
     if not moving:
         raise CtcError('learning: no joint moves')
     rates = [Fraction(f).limit_denominator(_MAX_DENOMINATOR) for f in moving]
@@ -148,10 +153,10 @@ def _period(config: ReferenceConfig) -> int:
     is_exact = all(abs(f - x) < 1e-9 for f, x in zip(moving, rates))
     if not is_exact or period > _MAX_PERIOD_S:
         raise CtcError(f'learning: the frequencies {moving} Hz have no common period of up to '
-                       f'{_MAX_PERIOD_S} s')
+                       f'{_MAX_PERIOD_S} s; round them, for example to multiples of 0.05 Hz')
     return round(period * NANOSECONDS)
 
 
 def _name(shape: object) -> str:
-    """Return a digest of what tells a motion from others."""
+    """Return a digest that identifies a motion."""
     return sha256(repr(shape).encode()).hexdigest()

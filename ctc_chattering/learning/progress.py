@@ -13,9 +13,10 @@
 # limitations under the License.
 
 """
-Progress of what is learned of a motion, and its end where errors grow.
+Progress of learning one motion, which ends where errors grow.
 
-A `Learner` has one `Progress` for each motion, and asks it to judge every pass.
+A `Learner` has one `Progress` for each motion, and has it judge every pass. An error grows if it
+exceeds twice the least one, or 1.1 times the first one.
 """
 
 from __future__ import annotations
@@ -26,10 +27,11 @@ from typing import NamedTuple
 
 from ctc_chattering.numerics.linear_algebra import Array
 
-#: Error over the least one, and over that of the first pass, from which on it is growing.
+#: Ratio of an error to the least one, above which it is growing.
 _GROWTH = 2.0
+#: Ratio of an error to that of the first pass, above which it is growing.
 _GROWTH_FROM_FIRST = 1.1
-#: Error over that of the pass before, below which it recovers.
+#: Ratio of an error to that of the pass before, below which it recovers.
 _RECOVERY = 0.7
 #: Passes in a row with a growing error after which learning stops.
 _MAX_GROWING_PASSES = 2
@@ -48,7 +50,7 @@ class Pass(NamedTuple):
 @dataclasses.dataclass
 class Progress:
     """
-    Knowledge of a motion from its passes.
+    Passes of a motion, their errors, and the correction that was learned.
 
     Attributes
     ----------
@@ -57,7 +59,7 @@ class Progress:
     rows : array, shape (N, n), or None
         Correction in force [rad], None for none.
     best_rows : array, shape (N, n), or None
-        That with the least error [rad].
+        Correction with the least error [rad].
     first_error, least_error, last_error : float
         Errors of all joints, the root of the sum of their squares [rad].
     growing_passes : int
@@ -75,15 +77,15 @@ class Progress:
 
     @property
     def is_stopped(self) -> bool:
-        """Return whether the error has grown too often."""
+        """Return whether errors grew in two passes in a row, which ends learning."""
         return self.growing_passes >= _MAX_GROWING_PASSES
 
     def judge(self, error: float) -> None:
         """
         Take the error of a pass [rad].
 
-        Where errors grow, the best correction is taken again. Where it is no better than that of
-        the first pass, none is.
+        After two passes with a growing error learning stops, and the best correction is taken
+        again. If that has a greater error than the first pass, no correction is left.
         """
         if self.is_stopped:
             if error > _GROWTH_FROM_FIRST * self.first_error:
@@ -106,5 +108,5 @@ class Progress:
             self.rows = self.best_rows
 
     def forget_errors(self) -> None:
-        """Judge the next pass by itself."""
+        """Compare later passes with the next one, and not with earlier ones."""
         self.first_error = self.least_error = self.last_error = inf

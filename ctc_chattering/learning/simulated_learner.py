@@ -16,7 +16,7 @@
 The learner of a loop that is simulated or recorded.
 
 `analysis.result.simulate` makes one for a setup with ``learning``, and `ctc learn` one for a bag.
-It is that of the reference node, told what that node is told.
+It is the `Learner` of the reference node, and takes the same errors and parameters.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from ctc_chattering.learning.design import filter_for
 from ctc_chattering.learning.learned_file import read_correction
 from ctc_chattering.learning.learner import Learner
 from ctc_chattering.learning.learning_filter import LearningFilter
-from ctc_chattering.learning.motion import motion_of, RepeatedMotion
+from ctc_chattering.learning.motion import motion_of, moving_frequencies, RepeatedMotion
 from ctc_chattering.numerics.time_grid import period_ns
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.trajectory.joint_limits import continuous_joints, read_limits
@@ -67,8 +67,13 @@ def make_learner(setup: Setup, robot: Plant, model: Model) -> Learner:
 
 
 def check_learning(setup: Setup) -> None:
-    """Raise `CtcError` where `learner_of` refuses a setup that learns."""
-    if setup.reference.learning:
+    """
+    Raise `CtcError` for a setup that learns if `learner_of` refuses it.
+
+    A reference at rest is not refused. It waits for waypoints or goals, which may be learned.
+    """
+    is_moving = setup.route is not None or moving_frequencies(setup.reference)
+    if setup.reference.learning and is_moving:
         description = setup.descriptions.get('controller', '')
         plant = setup.plant
         states = zip(plant.initial_position, plant.initial_velocity)

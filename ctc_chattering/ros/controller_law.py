@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-The controller's law as the reference node needs it: the learning filters for it.
+Learning filters for the controller's law, for the reference node.
 
-The law is that of the parameters in force, which the controller announces. A filter takes up to a
-second, and another thread computes it.
+The controller announces its parameters, and a filter follows from them. That takes up to a second,
+so that another thread computes it.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class ControllerLaw:
     reference : ReferenceConfig
         Its parameters.
     waits : callable
-        Tells whether `filter_of` waits for a filter, as in simulated time.
+        Returns whether `filter_of` may block until the filter is ready, as in simulated time.
     on_change : callable
         Called when the law has become another one.
 
@@ -87,13 +87,13 @@ class ControllerLaw:
             lambda message: self._update(self._values, message.data), qos(1, latched=True))
 
     def refusal(self, motion: RepeatedMotion) -> str:
-        """Have the filter for a motion computed, and return why there is none, if so."""
+        """Start the computation of a motion's filter, and return why it failed, '' if not."""
         future = self._start(motion)
         error = future.exception() if future and future.done() else None
         return str(error or '')
 
     def filter_of(self, motion: RepeatedMotion) -> LearningFilter | None:
-        """Return the filter for a motion, None while it is not known."""
+        """Return the filter for a motion, None while it is computed or the law is not known."""
         future = self._start(motion)
         return future.result() if future and (self._waits() or future.done()) else None
 

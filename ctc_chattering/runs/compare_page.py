@@ -316,7 +316,7 @@ def draw_passes(group: Sequence[Outcome], title: str) -> Figure:
         name = f'{x.law.switching or x.law.law}, {x.law.gain_source}'
         for ax, values in zip(axes, zip(*x.passes)):
             ax.plot(values, **style, markersize=5, label=name, clip_on=False)
-            ax.set(xlabel='pass')
+            ax.set(xlabel='passes learned from')
             ax.locator_params('x', integer=True)
     axes[0].set(yscale='log')
     axes[1].set(ylabel='torque variation [N·m/s]', ylim=(0.0, None))
@@ -353,7 +353,7 @@ def figures(results: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
     """Yield name, figure and caption of each robot."""
     for group in grouped([x for x in results if x.passes]):
         title = f'{group[0].title}: error by pass'
-        yield title, draw_passes(group, title), 'The worst joint; pass 0 is before learning.'
+        yield title, draw_passes(group, title), 'The worst joint; 0 is before learning.'
     results = [] if results[0].passes else results
     for experiment, robot_results in itertools.groupby(results, lambda x: x.experiment):
         shown = [x for x in robot_results if not x.is_held_out]

@@ -107,6 +107,22 @@ def test_options_stand_above_the_file(tmp_path: Path) -> None:
     same(arrays, closed_loop.run_closed_loop(setup.plant, setup.controller, setup.reference))
 
 
+def test_simulate_prints_the_passes_from_which_it_learned(tmp_path: Path) -> None:
+    """The motion has a period of 1 s, so that passes end after 2 s and 3.75 s."""
+    file = tmp_path / 'learn.yaml'
+    file.write_text(FRICTION.read_text() + '    learning: true\n')
+    done = ctc('simulate', file, '--law', 'compensation', '--duration', '4')
+    assert done.returncode == 0, done.stderr
+    lines = [line.split() for line in done.stdout.splitlines()]
+    passes = lines[lines.index(['pass', 'from', '[s]', 'to', '[s]', 'joint1', 'joint2']) + 1:-1]
+    assert [line[:3] for line in passes] == [['1', '1', '2'], ['2', '2.75', '3.75']]
+    first, second = (max(map(float, line[3:])) for line in passes)
+    assert second < 0.6 * first
+    assert done.stdout.endswith('; learning\n')
+    too_short = ctc('simulate', file, '--law', 'compensation', '--duration', '1.5')
+    assert 'the first pass ends after 2 s; raise duration' in too_short.stdout
+
+
 def test_existing_output(tmp_path: Path, short: Path) -> None:
     call = ('simulate', '--params-file', short, '--out', tmp_path / 'out')
     assert ctc(*call).returncode == 0

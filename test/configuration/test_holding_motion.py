@@ -25,6 +25,9 @@ from ctc_chattering.configuration.new_robot import KA, new_robot
 from ctc_chattering.configuration.package_share import find_file
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.learning.motion import motion_of
+from ctc_chattering.numerics.time_grid import NANOSECONDS
+from ctc_chattering.trajectory.reference import make_motion
 import numpy as np
 import pytest
 from urdfs import FIRST_LIMITS, grip, L1, M1, M2, R1, R2, robot, two_links, write_urdf
@@ -100,6 +103,22 @@ def test_a_smaller_and_slower_motion_where_no_posture_is_enough(tmp_path: Path) 
     assert found.motion.size < 1.0
     moved = 2.7 * found.motion.amplitude[0] * (2.0 * np.pi * found.motion.frequency[0]) ** 2
     assert moved + found.friction.coulomb[0] < 0.95 * 6.0
+
+
+@pytest.mark.parametrize('slow', [0.85, 0.6, 0.35, 0.2])
+def test_the_motion_has_a_common_period_that_can_be_learned(slow: float, tmp_path: Path) -> None:
+    """Velocity limits of [rad/s] would give one joint a frequency such as 0.133 Hz."""
+    text = two_links().replace(
+        FIRST_LIMITS, f'lower="-3" upper="3" effort="80" velocity="{slow}"')
+    found = new_robot(write_urdf(tmp_path / 'slow.urdf', text))
+    motion = found.motion
+    speeds = 2.0 * np.pi * np.array(motion.frequency) * motion.amplitude
+    assert 0.25 * slow < speeds[0] <= 0.51 * slow
+    assert motion.frequency[0] != motion.frequency[1]
+    setup = parameter_file.load(None, found.values)
+    state = dict.fromkeys(found.joints, (0.0, 0.0))
+    repeated = motion_of(setup.reference, None, make_motion(setup.reference, None, state))
+    assert repeated.duration <= 40 * NANOSECONDS
 
 
 def test_a_given_centre_is_taken_or_refused(tmp_path: Path) -> None:

@@ -287,6 +287,16 @@ def test_a_pass_with_missing_errors_is_left_out() -> None:
     assert learner.problem == ''
 
 
+def test_the_report_does_not_ascribe_missing_errors_to_the_pass_before() -> None:
+    """The error of the report is that of a whole pass, and the pass after it was left out."""
+    motion, learner = periodic(), learner_of()
+    learner.follow(motion, 0)
+    play(learner, motion, 0, 6 * SECOND, wave(), lambda s: 4 * SECOND < s < 4.2 * SECOND)
+    assert len(learner.passes) == 1
+    assert learner.report.endswith(
+        '; the latest pass was not learned from: errors of 0.2 s are missing in the pass')
+
+
 def test_a_long_silence_does_not_end_it() -> None:
     motion, learner = periodic(), learner_of()
     learner.follow(motion, 0)
