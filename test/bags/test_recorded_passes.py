@@ -79,7 +79,7 @@ def test_a_run_begins_with_what_a_bag_without_learning_taught(
     file = tmp_path / 'new folder' / 'learned.npz'
     assert main(['learn', str(tmp_path / 'bag'), '--out', str(file)]) == 0
     result = simulate(repeated_setup(2.0, learning=True, learning_file=str(file)))
-    assert first_error(result) < 0.4 * first_error(learning[1])
+    assert first_error(result) < 0.5 * first_error(learning[1])
 
 
 def test_errors_of_a_bag_are_those_from_the_desired_motion(

@@ -134,7 +134,9 @@ def largest_factor(setup: Setup, learning_filter: LearningFilter, lag: float, la
     return float((low_pass(frequencies, learning_filter.cutoff) * norms).max())
 
 
-@pytest.mark.parametrize('law', sorted({*LAWS} - NOT_LINEAR))
+@pytest.mark.parametrize('law', [
+    pytest.param(law, marks=() if law in ('compensation', 'pd_gravity') else pytest.mark.slow)
+    for law in sorted({*LAWS} - NOT_LINEAR)])
 @pytest.mark.parametrize('lag_is_known', [True, False])
 def test_every_law_has_a_filter(law: str, lag_is_known: bool) -> None:
     """An unknown lag may have any value up to the assumed one."""

@@ -26,7 +26,7 @@ from processes import run_bringup
 import pytest
 from recorded_runs import assert_equal, record
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
 def parameters(path: Path, reference: str, kp: float = 400.0) -> Path:
