@@ -182,7 +182,8 @@ class ComparisonRuns(RunList):
 
         def run_passes(setup: Setup) -> Result:
             result = runner(setup)
-            learned.update(pass_columns(result, passes))
+            without = runner(setup.changed({'reference': {'learning': False}}))
+            learned.update(pass_columns(result, without.run, passes))
             return result
 
         row = super().row(run, run_passes if passes else runner) | learned

@@ -78,7 +78,7 @@ class Outcome:
         Parameters of the controller as JSON, of the first run.
     score : Score
         Worst numbers of the runs, or the failure of the first run without numbers.
-    passes : sequence of (float, float)
+    passes : sequence of (float, float, float)
         Worst RMS error [rad] and torque variation [N·m/s] of any joint in each pass. It is empty
         without ``passes``.
     learning : str
@@ -94,7 +94,7 @@ class Outcome:
     joints: Sequence[str]
     controller: str
     score: Score
-    passes: Sequence[tuple[float, float]]
+    passes: Sequence[tuple[float, float, float]]
     learning: str
 
     @property
@@ -236,16 +236,17 @@ def _pass_table(group: Sequence[Outcome]) -> Table:
     """Return errors and torque variation before and after learning."""
     lines = []
     for x in group:
-        passes = x.passes or [(inf, inf)]
-        (error, variation), (last_error, last_variation) = passes[0], passes[-1]
-        columns = [(error, '.1e'), (last_error, '.1e'), (last_error / error, '.2g'),
-                   (variation, '.0f'), (last_variation, '.0f')]
+        passes = x.passes or [(inf, inf, inf)]
+        (error, variation, _), (last_error, last_variation, without) = passes[0], passes[-1]
+        columns = [(error, '.1e'), (last_error, '.1e'), (without, '.1e'),
+                   (last_error / without, '.2g'), (variation, '.0f'), (last_variation, '.0f')]
         lines.append([Number(value, f'{value:{form}}' if value < inf else '')
                       for value, form in columns])
     after = f'after {len(group[0].passes) - 1} passes'
     return Table(
         bold(group[0].title) + ': RMS error [rad] and torque variation [N·m/s] of the worst joint',
-        [*LAW_COLUMNS, 'learning', 'error before', after, 'ratio', 'variation before', after],
+        [*LAW_COLUMNS, 'learning', 'error before', after, 'then, without learning', 'ratio',
+         'variation before', after],
         [[*x.law.columns.values(), x.learning, *row[len(LAW_COLUMNS):]]
          for row, x in zip(_rows(group, lines), group)], len(LAW_COLUMNS) + 1)
 
@@ -292,9 +293,11 @@ def to_csv(results: Sequence[Outcome]) -> str:
     if results[0].passes:
         return csv_text([
             {'experiment': x.experiment, 'condition': x.condition, **x.law.columns, 'pass': k,
-             'rms_error': error, 'torque_variation_per_s': variation, 'learning': x.learning,
+             'rms_error': error, 'torque_variation_per_s': variation,
+             'rms_error_without_learning': without, 'learning': x.learning,
              'controller': x.controller}
-            for x in results for k, (error, variation) in enumerate(x.passes or [(None, None)])])
+            for x in results
+            for k, (error, variation, without) in enumerate(x.passes or [(None, None, None)])])
     numbers = {'rms_error': 'rms', 'torque_variation_per_s': 'variation',
                'max_torque_step': 'step', 'max_torque_rate_per_s': 'rate', 'max_torque': 'peak',
                'slips_at_rest_per_s': 'slips'}
@@ -318,6 +321,8 @@ def draw_passes(group: Sequence[Outcome], title: str) -> Figure:
             ax.plot(values, **style, markersize=5, label=name, clip_on=False)
             ax.set(xlabel='passes learned from')
             ax.locator_params('x', integer=True)
+        without = [error for _, _, error in x.passes]
+        axes[0].plot(without, color=style['color'], linestyle=':', clip_on=False)
     axes[0].set(yscale='log')
     axes[1].set(ylabel='torque variation [N·m/s]', ylim=(0.0, None))
     drawing.legend_of(*axes)
@@ -353,7 +358,7 @@ def figures(results: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
     """Yield name, figure and caption of each robot."""
     for group in grouped([x for x in results if x.passes]):
         title = f'{group[0].title}: error by pass'
-        yield title, draw_passes(group, title), 'The worst joint; 0 is before learning.'
+        yield title, draw_passes(group, title), 'The worst joint; 0 is before learning. Dotted: without learning.'
     results = [] if results[0].passes else results
     for experiment, robot_results in itertools.groupby(results, lambda x: x.experiment):
         shown = [x for x in robot_results if not x.is_held_out]

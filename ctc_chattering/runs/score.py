@@ -189,19 +189,21 @@ def _evaluate(run: Run, setup: Setup, window: tuple[float, float], period: float
         peak_rate=tuple(_peak_rate(run, setup.controller.control_period).tolist()))
 
 
-def pass_columns(result: Result, passes: int) -> dict[str, str]:
+def pass_columns(result: Result, without: Run, passes: int) -> dict[str, str]:
     """
     Return the columns of a run that has learned from passes.
 
-    ``passes_of_run`` has the worst joint's RMS error [rad] and torque variation [N·m/s] of each
-    pass, from the one before learning on.
+    ``passes_of_run`` has, for each pass from the one before learning on, the worst joint's RMS
+    error [rad], its torque variation [N·m/s], and that error in the run without learning.
     """
     assert result.learner is not None
     rows = []
     for finished in result.learner.passes[:passes + 1]:
         window = seconds(finished.begin), seconds(finished.end)
-        numbers = metrics(result.run, window, result.config.control_period)
-        rows.append([max(numbers['rms_error_rad']), max(numbers['torque_variation_nm_per_s'])])
+        numbers, others = (metrics(run, window, result.config.control_period)
+                           for run in (result.run, without))
+        rows.append([max(numbers['rms_error_rad']), max(numbers['torque_variation_nm_per_s']),
+                     max(others['rms_error_rad'])])
     state = result.learner.outcome
     return {'passes_of_run': json.dumps(rows), 'learning': state}
 
