@@ -358,7 +358,8 @@ def figures(results: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
     """Yield name, figure and caption of each robot."""
     for group in grouped([x for x in results if x.passes]):
         title = f'{group[0].title}: error by pass'
-        yield title, draw_passes(group, title), 'The worst joint; 0 is before learning. Dotted: without learning.'
+        yield title, draw_passes(group, title), (
+            'The worst joint; 0 is before learning. Dotted: without learning.')
     results = [] if results[0].passes else results
     for experiment, robot_results in itertools.groupby(results, lambda x: x.experiment):
         shown = [x for x in robot_results if not x.is_held_out]
