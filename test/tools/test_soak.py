@@ -174,7 +174,7 @@ def test_growth_that_is_too_much(slope: float, fitted: float, fails: bool) -> No
 
 def test_the_index_of_a_bag_is_no_leak_of_the_recorder() -> None:
     made = document()
-    for slope, fails in (370.0, False), (390.0, True):
+    for slope, fails in (390.0, False), (410.0, True):
         made['processes']['recorder'].update(growth_kb_per_min=slope, fitted_s=36000.0)
         assert bool(report.complaints(made)) == fails
 
