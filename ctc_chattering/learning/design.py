@@ -50,7 +50,7 @@ from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.trajectory.reference import ReferenceConfig
 import numpy as np
 
-#: ρ for which convergence is checked. Half of a resonance changes what the motor feels as much.
+#: ρ for which convergence is checked: what a motor feels at half of a resonance differs as much.
 _RATIOS = (0.75, 1.0, 1.0 / 0.75)
 #: ρ for which L is made. Rotors that nobody gave make light links up to 3 times as heavy.
 _DESIGN_RATIOS = (0.4, 0.6, 1.0, 1.5)
@@ -59,8 +59,9 @@ _CHANGE_WEIGHT = 0.05
 #: Largest contraction: 8 passes then leave 2/3 of an error, at the worst frequency and robot.
 _MAX_CONTRACTION = 0.95
 #: Cut-off frequency over the rate of the reported errors, and over the lowest resonance, at most.
+#: Up to half of it, loops that oscillated with the resonance diverged.
 _MAX_CUTOFF_PER_RATE = 0.25
-_MAX_CUTOFF_PER_RESONANCE = 0.5
+_MAX_CUTOFF_PER_RESONANCE = 0.25
 #: Lowest frequency that is examined, and lowest cut-off frequency that is tried [Hz].
 _LOWEST_FREQUENCY = 0.1
 _LOWEST_CUTOFF = 0.5

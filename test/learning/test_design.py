@@ -201,12 +201,12 @@ def test_a_law_that_is_not_linear_slides_or_is_its_equations_without_the_robust_
 
 
 @pytest.mark.parametrize('law', ['compensation', 'observer_feedback'])
-def test_it_learns_up_to_half_the_resonance_at_most(law: str) -> None:
+def test_it_learns_up_to_a_quarter_of_the_resonance_at_most(law: str) -> None:
     learning_filter = designed(setup_of('friction', law, resonance=20.0))
-    assert learning_filter.cutoff == pytest.approx(10.0)
-    with pytest.raises(ParameterError, match='at most 10 Hz'):
-        designed(setup_of('friction', law, resonance=20.0), 11.0)
-    assert designed(setup_of('friction', law), 11.0).cutoff == 11.0
+    assert learning_filter.cutoff == pytest.approx(5.0)
+    with pytest.raises(ParameterError, match='at most 5 Hz'):
+        designed(setup_of('friction', law, resonance=20.0), 6.0)
+    assert designed(setup_of('friction', law), 6.0).cutoff == 6.0
 
 
 def test_it_learns_up_to_a_quarter_of_the_rate_of_the_reports() -> None:
