@@ -154,7 +154,7 @@ def runs() -> Iterator[Any]:
 def test_the_command_succeeds(line: Line, folder: Path) -> None:
     """Run a line after the assignments before it. Stop a node when it waits for its topics."""
     before = [x for x in line.before if is_assignment(x)]
-    if ours(line)[:2] == ['ctc', 'plot']:
+    if ours(line)[:2] in (['ctc', 'plot'], ['ctc', 'learn']):
         before += [x for x in line.before if ' bringup ' in f' {x} ']
     if ' excite/' in line.text:
         before = [x.text for x in LINES if x.text.startswith('ctc excite')] + before
