@@ -33,6 +33,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 from itertools import product
+from typing import NamedTuple
 
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import ControllerConfig
@@ -40,12 +41,12 @@ from ctc_chattering.control.laws.registry import law_class
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.learning.learner import MAX_GAP_NS
-from ctc_chattering.learning.learning_filter import ComplexArray, LearningFilter, low_pass
+from ctc_chattering.learning.learning_filter import LearningFilter, low_pass
 from ctc_chattering.learning.motion import RepeatedMotion
 from ctc_chattering.margins.linear_law import is_proportional, joints_are_equal, linear_law
 from ctc_chattering.margins.loop_margins import Loops
 from ctc_chattering.margins.reference_response import reference_response
-from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.linear_algebra import Array, ComplexArray
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.trajectory.reference import ReferenceConfig
 import numpy as np
@@ -142,9 +143,9 @@ def _designed(config: ControllerConfig, masses: tuple[tuple[tuple[float, ...], .
     """Return a filter, which is kept, because it takes up to a second."""
     period = seconds(period_ns(config.control_period))
     frequencies = np.geomspace(_LOWEST_FREQUENCY, 0.45 / period, _FREQUENCIES)
-    arguments = config, [np.array(mass) for mass in masses], period, frequencies
-    checked = _responses(*arguments, _RATIOS)
-    responses = _responses(*arguments, _DESIGN_RATIOS)
+    loops = _loops(config, [np.array(mass) for mass in masses], period)
+    checked, responses = (_responses(loops, len(masses[0]), frequencies, ratios)
+                          for ratios in (_RATIOS, _DESIGN_RATIOS))
     adjoint = responses.conj().swapaxes(-2, -1)
     identity = np.eye(responses.shape[-1])
     weighted = (adjoint @ responses).mean(axis=0) + _CHANGE_WEIGHT * identity
@@ -172,43 +173,61 @@ def _designed(config: ControllerConfig, masses: tuple[tuple[tuple[float, ...], .
     return LearningFilter(frequencies, L, chosen, contraction(chosen))
 
 
-def _responses(config: ControllerConfig, masses: Sequence[Array], period: float,
-               frequencies: Array, ratios: Sequence[float]) -> ComplexArray:
-    """
-    Return T at frequencies [Hz], shape (loops and ratios, K, n, n).
+class _PossibleLoops(NamedTuple):
+    """Loops that a law may have, without those that are unstable."""
 
-    A law that acts on v need not be linear, or its linear loop stable: it then switches. T is that
-    of its equations without the robust term, and 1 as for ideal sliding.
+    stable: Sequence[Loops]
+    #: Whether T may also be 1, as in ideal sliding.
+    slides: bool
+
+
+def _responses(loops: _PossibleLoops, n: int, frequencies: Array, ratios: Sequence[float]
+               ) -> ComplexArray:
+    """Return T at frequencies [Hz], shape (loops and ratios, K, n, n)."""
+    omega = 2.0 * np.pi * frequencies
+    identity = np.eye(n)
+    responses = []
+    if loops.slides:
+        responses.append(np.broadcast_to(identity.astype(complex), (1, len(omega), n, n)))
+    for possible in loops.stable:
+        joints = identity if possible.joints_are_equal else np.ones_like(identity)
+        responses += [joints * reference_response(possible, omega, ratio) for ratio in ratios
+                      if possible.radius(ratio) < 1.0]
+    return np.concatenate(responses)
+
+
+def _loops(config: ControllerConfig, masses: Sequence[Array], period: float) -> _PossibleLoops:
+    """
+    Return the loops of a law.
+
+    A law that acts on v need not be linear, or its linear loop stable: it then switches. Its loops
+    are those of its equations without the robust term, and it may slide.
     """
     try:
-        return _linear_responses(config, masses, period, frequencies, ratios)
+        return _PossibleLoops(_linear_loops(config, masses, period), slides=False)
     except CtcError:
         if not law_class(config.law).acts_on_v:
             raise
     without_term = config.changed({'law': 'compensation'})
-    linear = _linear_responses(without_term, masses, period, frequencies, ratios)
-    sliding = np.broadcast_to(np.eye(len(masses[0]), dtype=complex), (1, *linear.shape[1:]))
-    return np.concatenate([sliding, linear])
+    return _PossibleLoops(_linear_loops(without_term, masses, period), slides=True)
 
 
-def _linear_responses(config: ControllerConfig, masses: Sequence[Array], period: float,
-                      frequencies: Array, ratios: Sequence[float]) -> ComplexArray:
+def _linear_loops(config: ControllerConfig, masses: Sequence[Array], period: float
+                  ) -> list[Loops]:
     """
-    Return T of a linear law, shape (loops and ratios, K, n, n).
+    Return the loops of a linear law, of one joint where all are equal.
 
-    Loops have the lag that is known and the one that is assumed, and the velocity of a difference
+    They have the lag that is known and the one that is assumed, and the velocity of a difference
     and of a sensor. Those that are unstable are left out, since the robot is not theirs.
     """
-    omega = 2.0 * np.pi * frequencies
     identity = np.eye(len(masses[0]))
-    joints = np.ones_like(identity)
     lags = {config.known_lag, config.assumed_lag}
     laws = [linear_law(config, identity, with_reference=True)]
     of_first = linear_law(config, masses[0], with_reference=True)
     if is_proportional(of_first, laws[0], masses[0]):
         masses = [identity]  # T does not depend on M̂.
         if all(joints_are_equal(config, np.array(lag)) for lag in lags):
-            laws, masses, joints = [laws[0].one_joint()], [np.eye(1)], identity
+            laws, masses = [laws[0].one_joint()], [np.eye(1)]
     else:
         laws = [of_first]
         laws += [linear_law(config, mass, with_reference=True) for mass in masses[1:]]
@@ -217,8 +236,7 @@ def _linear_responses(config: ControllerConfig, masses: Sequence[Array], period:
         of_joints = np.array(lag[:len(masses[0])])
         loops = Loops(laws, masses, period, of_joints, config.input_delay, differenced)
         if loops.radius() < 1.0:
-            stable += [joints * reference_response(loops, omega, ratio) for ratio in ratios
-                       if loops.radius(ratio) < 1.0]
+            stable.append(loops)
     if not stable:
         raise CtcError(f'learning: law {config.law} is unstable with these gains, lag and delay')
-    return np.concatenate(stable)
+    return stable

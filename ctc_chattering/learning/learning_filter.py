@@ -29,11 +29,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 
-from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.linear_algebra import Array, ComplexArray
 import numpy as np
-import numpy.typing as npt
 
-ComplexArray = npt.NDArray[np.complex128]
 #: Ratio of a frequency to f_c, above which Q = 1.5e-4 or less is taken as 0.
 _MAX_FREQUENCY_RATIO = 3.0
 

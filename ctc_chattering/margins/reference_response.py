@@ -26,11 +26,8 @@ T is the matrix from r to the measured q, 1 for an ideal loop.
 from __future__ import annotations
 
 from ctc_chattering.margins.loop_margins import Loops
-from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.linear_algebra import Array, ComplexArray
 import numpy as np
-import numpy.typing as npt
-
-ComplexArray = npt.NDArray[np.complex128]
 
 
 def reference_response(loops: Loops, omega: Array, ratio: float = 1.0) -> ComplexArray:

@@ -23,8 +23,8 @@ from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.margins.linear_law import Frozen, linear_law
 from ctc_chattering.margins.loop_margins import Loops
-from ctc_chattering.margins.reference_response import ComplexArray, reference_response
-from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.margins.reference_response import reference_response
+from ctc_chattering.numerics.linear_algebra import Array, ComplexArray
 import numpy as np
 import pytest
 from scipy.linalg import expm  # type: ignore[import-untyped]
