@@ -40,12 +40,12 @@ from ctc_chattering.output_files import check_file, write_bytes
 from ctc_chattering.trajectory.reference import ReferenceConfig
 import numpy as np
 
+#: Limits of the controller, which do not act in ordinary passes.
+LIMITS = {'effort_limit', 'effort_rate_limit', 'anti_windup', 'error_limit'}
 #: Parameters of the controller that may differ, since they do not change the errors of a pass:
-#: rate of the reports, machine code, path of the description (its text is compared), resonance,
-#: which only designs use, and limits, which do not act in ordinary passes.
-_WITHOUT_INFLUENCE = {
-    'state_decimation', 'compiled', 'description', 'resonance', 'error_limit', 'effort_limit',
-    'effort_rate_limit', 'anti_windup'}
+#: limits, rate of the reports, machine code, path of the description (its text is compared), and
+#: resonance, which only designs use.
+_WITHOUT_INFLUENCE = LIMITS | {'state_decimation', 'compiled', 'description', 'resonance'}
 #: Part of the learning bound by which rounding may exceed it.
 _ROUNDING = 1e-9
 

@@ -44,6 +44,8 @@ import numpy as np
 LEAD_NS = NANOSECONDS // 2
 #: Time in which one correction passes into another [s].
 FADE_S = 0.25
+#: Time between two passes of a periodic motion, in which the correction changes [ns].
+_CHANGE_NS = LEAD_NS + round(FADE_S * NANOSECONDS)
 #: Time at the begin of waypoints in which their correction begins, and in which it ends [s].
 _ENTRY_S = 0.05
 #: Time from the start of a periodic motion to its first pass [ns].
@@ -68,8 +70,7 @@ def duration_of_passes(motion: RepeatedMotion, count: int) -> int:
 
     Pass k begins at that of k passes, if each of them changes the correction.
     """
-    between = LEAD_NS + round(FADE_S * NANOSECONDS)
-    return motion.start + _SETTLING_NS + count * (motion.duration + between)
+    return motion.start + _SETTLING_NS + count * (motion.duration + _CHANGE_NS)
 
 
 class LearningState(Enum):
@@ -333,9 +334,8 @@ class Learner:
         if motion.is_periodic:
             self._begin = end
             if is_changed:
-                change = end + LEAD_NS
-                self._fade(change)
-                self._begin = change + round(FADE_S * NANOSECONDS)
+                self._fade(end + LEAD_NS)
+                self._begin = end + _CHANGE_NS
 
     def _learn(self, motion: RepeatedMotion, begin: int, end: int, samples: Sequence[_ErrorSample]
                ) -> None:

@@ -31,7 +31,7 @@ from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import as_ctc_error
 from ctc_chattering.learning.design import filter_for
-from ctc_chattering.learning.learned_file import read_correction
+from ctc_chattering.learning.learned_file import LIMITS, read_correction
 from ctc_chattering.learning.learner import MAX_MOTIONS
 from ctc_chattering.learning.learning_filter import LearningFilter
 from ctc_chattering.learning.motion import RepeatedMotion
@@ -43,8 +43,6 @@ from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from std_msgs.msg import String
 
-#: Parameters of the controller on which no filter depends.
-_LIMITS = {'effort_limit', 'effort_rate_limit', 'anti_windup', 'error_limit'}
 #: Parameters after whose change what was learned is still a good beginning.
 _PAYLOAD = {'payload_mass', 'payload_center'}
 
@@ -117,7 +115,7 @@ class ControllerLaw:
             return filter_for(motion, self._reference, config, model_of(config, description))
 
     def _on_parameters(self, event: ParameterEvent) -> None:
-        of_law = ControllerConfig.parameters().keys() - _LIMITS
+        of_law = ControllerConfig.parameters().keys() - LIMITS
         values = {item.name: parameter_value_to_python(item.value)
                   for item in (*event.new_parameters, *event.changed_parameters)
                   if item.name in of_law}
