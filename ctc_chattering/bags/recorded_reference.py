@@ -28,7 +28,7 @@ from ctc_chattering.bags.bag import Bag
 from ctc_chattering.bags.signals import Instants
 from ctc_chattering.configuration.topics import REFERENCE, select, TOPICS
 from ctc_chattering.errors import CtcError
-from ctc_chattering.numerics.angles import TURN, unwrapped
+from ctc_chattering.numerics.angles import unwrapped, within_half_turn
 from ctc_chattering.numerics.interpolation import quintic
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds
@@ -74,7 +74,7 @@ class RecordedReference(NamedTuple):
         if not len(desired.t):
             return None
         correction = self.at(instants) - desired.at(np.maximum(instants, desired.t[0]))
-        correction[:, 0] -= TURN * np.rint(correction[:, 0] / TURN)
+        correction[:, 0] = within_half_turn(correction[:, 0])
         before = self.t[np.searchsorted(self.t, instants, side='right') - 1]
         correction[np.isin(before, desired.t, invert=True)] = np.nan
         return correction

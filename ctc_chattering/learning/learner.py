@@ -32,7 +32,7 @@ from ctc_chattering.learning.correction import ConstantCorrection, CorrectedMoti
 from ctc_chattering.learning.learning_filter import LearningFilter
 from ctc_chattering.learning.motion import RepeatedMotion
 from ctc_chattering.learning.progress import Pass, Progress
-from ctc_chattering.numerics.angles import TURN
+from ctc_chattering.numerics.angles import within_half_turn
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.trajectory.buffer import Point
@@ -307,8 +307,7 @@ class Learner:
             return
         r, dr, ddr = map(np.array, self.applied.at(s) if correction is None else correction)
         q, dq, ddq = map(np.array, motion.motion.at(s))
-        distance = np.array(q_d) - q - r
-        distance -= TURN * np.rint(distance / TURN)
+        distance = within_half_turn(np.array(q_d) - q - r)
         # The controller takes a state at its sample, and not at its stamp.
         h = seconds(self._period)
         allowed = h * np.abs(dq + dr) + 0.5 * h * h * np.abs(ddq + ddr) + _ROUNDING

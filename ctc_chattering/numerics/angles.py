@@ -60,6 +60,12 @@ def expected(angle: float, velocity_before: float, velocity: float, h: float) ->
     return angle + 0.5 * h * doubled_mean
 
 
+def within_half_turn(difference: Array) -> Array:
+    """Return differences of angles without whole turns [rad]."""
+    wrapped: Array = difference - TURN * np.rint(difference / TURN)
+    return wrapped
+
+
 def within_turn(angle: float, lower: float) -> float:
     """Return an angle's representative in [`lower`, `lower` + 2π)."""
     turns = floor((angle - lower) / TURN)
