@@ -94,7 +94,7 @@ def learn_from_bag(path: Path, classes: Mapping[str, object]) -> RecordedPasses:
     learner = learner_of(
         reference, controller, route, at_start, model_of(controller, description), description)
 
-    clock = PathClock(reference.speed_scaling, reference.speed_scaling)
+    clock = PathClock.steady(reference.speed_scaling)
     instants = [clock.at(t - start).instant for t in tracking.stamps.tolist()]
     columns = [names.index(name) for name in reference.joint_names]
     q_d, e = (x[:, columns] for x in np.hsplit(tracking.values[0], 2))

@@ -456,7 +456,7 @@ class LearnedTable:
                  controller: ControllerConfig, period: int, count: int) -> None:
         self._learner = learner
         self._motion = motion
-        self._clock = PathClock(reference.speed_scaling, reference.speed_scaling)
+        self._clock = PathClock.steady(reference.speed_scaling)
         self._controller = controller
         self._period = period
         #: Columns of the motion's joints.

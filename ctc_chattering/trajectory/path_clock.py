@@ -74,6 +74,11 @@ class PathClock:
     s0: int = 0
     span: int = 0
 
+    @classmethod
+    def steady(cls, rate: float) -> PathClock:
+        """Return a clock of one rate."""
+        return cls(rate, rate)
+
     @property
     def end(self) -> int:
         """Instant from which on the rate is constant [ns]."""

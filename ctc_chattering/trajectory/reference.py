@@ -373,7 +373,7 @@ def reference_table(
     order = tuple(config.joint_names.index(name) for name in joints)
     if route is not None or config.speed_scaling != 1.0:
         motion = make_motion(config, route, dict(start), continuous=continuous)
-        clock = PathClock(config.speed_scaling, config.speed_scaling)
+        clock = PathClock.steady(config.speed_scaling)
         return _sample(ScaledMotion(motion, clock), order, period, count)
     table: Array = _profile_table(config, start, order, period, count, continuous)
     return table

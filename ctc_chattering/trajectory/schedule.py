@@ -158,8 +158,7 @@ class MotionSchedule:
 
     def _start_clock(self) -> PathClock:
         """Return the clock of a motion that begins."""
-        rate = self._plan.config.speed_scaling
-        return PathClock(rate, rate)
+        return PathClock.steady(self._plan.config.speed_scaling)
 
     @property
     def path_time(self) -> int:
