@@ -33,8 +33,10 @@ class LogTime:
     Log time that follows the stamps of several topics.
 
     It does not go back because one of them is ahead. A bag is read in the order of its log times,
-    so they must not decrease if the order of arrival is to be preserved. A jump of time, as when a
-    simulation restarts, is accepted when the next message of that topic follows it.
+    so they must not decrease if the order of arrival is to be preserved. A jump of time is
+    accepted when the next message of that topic follows it. A jump back, as when a simulation
+    restarts, is one only if the stamps of the topic itself went back: messages of a topic may be
+    late by any time.
 
     Attributes
     ----------
@@ -46,15 +48,22 @@ class LogTime:
     def __init__(self) -> None:
         self.now = 0
         self._last: dict[str, int] = {}
+        #: Topics whose stamps went back, to a time that is not yet accepted.
+        self._restarted: set[str] = set()
 
     def note(self, topic: str, stamp: int) -> None:
         """Take the stamp of a message of `topic` [ns]."""
-        last = self._last.get(topic, stamp + 1)
-        is_jump = abs(stamp - self.now) > _MAX_SKEW
-        follows = 0 <= stamp - last <= _MAX_SKEW
-        if not self._last or (is_jump and follows):
+        last = self._last.get(topic)
+        is_far = abs(stamp - self.now) > _MAX_SKEW
+        if last is not None and stamp < last:
+            self._restarted.add(topic)
+        elif not is_far:
+            self._restarted.discard(topic)
+        follows = last is not None and 0 <= stamp - last <= _MAX_SKEW
+        is_jump = stamp > self.now or topic in self._restarted
+        if not self._last or (is_far and follows and is_jump):
             self.now = stamp
-        elif not is_jump:
+        elif not is_far:
             self.now = max(self.now, stamp)
         self._last[topic] = stamp
 

@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+from operator import itemgetter
 import random
 
 from ctc_chattering.bags.arrivals import LogTime, SequenceTracker
@@ -38,6 +40,22 @@ def test_topics_that_are_behind_others_do_not_turn_it_back(
         assert before <= time.now <= truth
         before = time.now
     assert time.now >= truth - S // 2 or not steps
+
+
+@given(st.lists(st.tuples(st.sampled_from('abc'), st.integers(0, 10 * MS)),
+                min_size=60, max_size=90),
+       st.lists(st.integers(0, 90), min_size=1, max_size=4))
+def test_messages_that_are_late_by_any_time_do_not_turn_it_back(
+        sent: list[tuple[str, int]], blocked: list[int]) -> None:
+    """A recorder that slept receives a whole topic before the next one."""
+    stamps = [(topic, S + 100 * k * MS + jitter) for k, (topic, jitter) in enumerate(sent)]
+    time, before = LogTime(), 0
+    bounds = sorted({0, len(stamps), *(min(x, len(stamps)) for x in blocked)})
+    for begin, end in pairwise(bounds):
+        for topic, stamp in sorted(stamps[begin:end], key=itemgetter(0)):
+            time.note(topic, stamp)
+            assert before <= time.now
+            before = time.now
 
 
 @pytest.mark.parametrize('heard', [

@@ -20,6 +20,7 @@ Bags are read by `rosbags` alone for that.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import json
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -175,6 +176,12 @@ def in_real_time(torque_of_the_law: float = 1.0) -> list[Entry]:
             found.append(Entry(topic, START + int(late[k]), message))
         else:
             found.append(Entry(topic, t, message))
+    return found + published_terms(late)
+
+
+def published_terms(late: np.ndarray) -> list[Entry]:
+    """Return what the controller publishes of every tenth sample, received so late [ns]."""
+    found = list[Entry]()
     terms = RESULT.terms
     names = [*(f'{joint}/{part}' for part in ('nominal', 'compensation', 'robust', 'commanded')
                for joint in RESULT.joint_names), 'V']
@@ -187,6 +194,35 @@ def in_real_time(torque_of_the_law: float = 1.0) -> list[Entry]:
         found.append(Entry(FILTER, at, joint_state(
             t, RESULT.joint_names, None, terms.v[k], None)))  # type: ignore[arg-type]
     return found
+
+
+def after_sleep(lost: Sequence[int] = (), twice: Sequence[int] = ()) -> list[Entry]:
+    """Return messages of a recorder that slept: of 150 states each, states or commands first."""
+    found = list[Entry]()
+    for topic, t, message in entries(RESULT, SETUP.plant, START):
+        k = (t - START) // 1_000_000
+        block, at = k // 150, t
+        if (topic == COMMANDS) == (block % 2 == 0):
+            at = START + 150_000_000 * (block + 1)
+        count = 1 - (topic == COMMANDS and k in lost) + (topic == COMMANDS and k in twice)
+        found += [Entry(topic, at, message)] * count
+    return found + published_terms(1_000_000 * np.arange(1001))
+
+
+def test_commands_of_a_recorder_that_slept_are_told_by_their_order(tmp_path: Path) -> None:
+    """As many as states and equal to all torques with stamps, each has its place."""
+    write_bag(tmp_path / 'bag', after_sleep())
+    result = read_bag(tmp_path / 'bag')
+    np.testing.assert_array_equal(result.run.tau, RESULT.run.tau)
+    assert result.replay == Replay(ReplayVerdict.EXACT)
+
+
+def test_a_lost_command_and_another_one_twice_move_none(tmp_path: Path) -> None:
+    """Their number alone is that of the states."""
+    write_bag(tmp_path / 'bag', after_sleep([200], [700]))
+    tau = read_bag(tmp_path / 'bag').run.tau
+    known = np.isfinite(tau).all(axis=1)
+    np.testing.assert_array_equal(tau[known], RESULT.run.tau[known])
 
 
 @pytest.mark.parametrize('factor', [1.0, 0.5])
