@@ -33,7 +33,6 @@ from typing import NamedTuple
 from ctc_chattering.dynamics.urdf_parser import Joint, Origin, Tree
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
-from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
 
 class LinkFrame(NamedTuple):
@@ -141,6 +140,7 @@ class ForwardKinematics:
 
 def origin_pose(origin: Origin) -> Array:
     """Return the pose of an origin, shape (4, 4)."""
+    from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # Takes time.
     pose = np.eye(4)
     rotation = Rotation.from_euler('xyz', origin.rpy)
     pose[:3, :3] = rotation.as_matrix()
@@ -169,6 +169,7 @@ def joint_motion(joint: Joint, q: float | Array) -> Array:
     if joint.prismatic:
         motion[..., :3, 3] = displacement
     else:
+        from scipy.spatial.transform import Rotation
         rotation = Rotation.from_rotvec(displacement)
         motion[..., :3, :3] = rotation.as_matrix()
     return motion

@@ -34,7 +34,6 @@ from ctc_chattering.dynamics.drive_response import discretize_drives
 from ctc_chattering.margins.linear_law import LinearLaw
 from ctc_chattering.numerics.linear_algebra import Array, peak_gain
 import numpy as np
-from scipy.optimize import bisect, minimize_scalar  # type: ignore[import-untyped]
 
 #: Eigenvalues of M̂ M⁻¹, and factors of rotors or masses, that are examined.
 RATIO_GRID = np.geomspace(0.01, 100.0, 200)
@@ -75,6 +74,8 @@ def stable_range(
 
 def _last_stable(radius: Callable[[float], float], start: float, side: Array) -> float:
     """Return the end of the range on one side of `start`."""
+    from scipy.optimize import bisect  # type: ignore[import-untyped]  # Takes time.
+
     def excess(x: float) -> float:
         return radius(x) - 1.0
 
@@ -255,6 +256,7 @@ class Loops:
 
         Its nearer end is farthest from 1, by ratio.
         """
+        from scipy.optimize import minimize_scalar
 
         def interval(c: float) -> StableRange:
             if not self.radius(c) < 1.0:
