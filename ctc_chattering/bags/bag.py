@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import closing, ExitStack, suppress
-from functools import cached_property
+from functools import cached_property, lru_cache
 from heapq import merge
 from operator import itemgetter
 from pathlib import Path
@@ -45,7 +45,7 @@ from ctc_chattering.bags.mcap_file import McapFile
 from ctc_chattering.configuration.topics import PARAMETERS, ROBOT_DESCRIPTION
 from ctc_chattering.errors import CtcError, shorten
 from ctc_chattering.numerics.time_grid import nanoseconds
-from rosbags.interfaces import Connection, MessageDefinitionFormat
+from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
 from tqdm import tqdm
@@ -338,32 +338,43 @@ def _register_types(connections: Collection[Connection]) -> Any:
         If a definition does not have its hash.
 
     """
-    jazzy = get_typestore(Stores.ROS2_JAZZY).fielddefs
-    types = dict(jazzy)
-    for x in connections:
-        if is_cdr(x) and x.msgdef.format != MessageDefinitionFormat.NONE:
-            with suppress(Exception):  # Arbitrary text may raise any exception.
-                for name, definition in _parse_definition(x).items():
-                    has_fields = bool(definition[1])
-                    if has_fields or name not in jazzy:
-                        types[name] = definition
-    store = get_typestore(Stores.EMPTY)
-    store.register(types)
+    store = _typestore(tuple(
+        (x.msgtype, x.msgdef) for x in connections
+        if is_cdr(x) and x.msgdef.format != MessageDefinitionFormat.NONE))
     for x in connections:
         if x.digest and x.msgdef.data and store.hash_rihs01(x.msgtype) != x.digest:
             raise CtcError(f'the definition of {x.msgtype} does not have its hash')
     return store
 
 
-def _parse_definition(connection: Connection) -> dict[str, Any]:
+@lru_cache(maxsize=8)  # Its decoders take time to make, and bags of one recorder share them.
+def _typestore(definitions: tuple[tuple[str, MessageDefinition], ...]) -> Any:
+    """Return ROS 2 Jazzy's types, replaced and complemented by defined ones."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    jazzy = dict(store.fielddefs)
+    types: dict[str, Any] = {}
+    for message_type, definition in definitions:
+        with suppress(Exception):  # Arbitrary text may raise any exception.
+            for name, fields in _parse_definition(message_type, definition).items():
+                has_fields = bool(fields[1])
+                if has_fields or name not in jazzy:
+                    types[name] = fields
+    others = {name: fields for name, fields in types.items() if fields != jazzy.get(name)}
+    for name in others.keys() & jazzy.keys():
+        del store.fielddefs[name], store.types[name]
+    store.register(others)
+    return store
+
+
+def _parse_definition(message_type: str, definition: MessageDefinition) -> dict[str, Any]:
     """
-    Return the types in a topic's definition.
+    Return the types in the definition of a topic's type.
 
     Arbitrary text raises an error of any kind.
     """
-    text = connection.msgdef.data
-    if connection.msgdef.format == MessageDefinitionFormat.MSG:
-        return dict(get_types_from_msg(text, connection.msgtype))
+    text = definition.data
+    if definition.format == MessageDefinitionFormat.MSG:
+        return dict(get_types_from_msg(text, message_type))
     types: dict[str, Any] = {}
     for section in text.split(_IDL_RULE):
         idl = section.split('\n', 1)[1] if section.startswith('IDL: ') else section

@@ -25,6 +25,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Collection, Iterator
+from functools import lru_cache
 from io import BytesIO
 from math import inf
 import mmap
@@ -306,9 +307,14 @@ class McapFile:
 def read_qos(channel: Channel) -> list[Qos]:
     """Return the QoS that the publishers of a channel offer, empty where it is none."""
     try:
-        return parse_qos(channel.metadata[QOS])
+        return list(_parse_qos(channel.metadata[QOS]))
     except Exception:  # Arbitrary text may raise any exception.
         return []
+
+
+@lru_cache(maxsize=32)  # It takes time, and most topics have one of a few.
+def _parse_qos(text: str) -> tuple[Qos, ...]:
+    return tuple(parse_qos(text))
 
 
 def _register(record_class: Any, content: bytes, records: dict[int, Any]) -> None:
