@@ -204,8 +204,9 @@ def test_without_a_failure_in_the_spec_a_payload_that_costs_a_tenth_of_the_motio
     (tmp_path / 'arm.yaml').write_text(yaml.safe_dump({
         '/**': {'ros__parameters': {
             'joint_names': ['a', 'b'], 'model': 'urdf', 'description': str(tmp_path / 'arm.urdf'),
-            'compiled': False}},
-        'plant': {'ros__parameters': {'initial_position': [0.0, 0.5], 'coulomb_friction': 0.0}},
+            'control_period': 5e-3, 'compiled': False}},
+        'plant': {'ros__parameters': {
+            'initial_position': [0.0, 0.5], 'coulomb_friction': 0.0, 'integration_step': 5e-3}},
         'controller': {'ros__parameters': {'law': 'compensation'}},
         'reference': {'ros__parameters': {'center': [0.0, 0.5], 'frequency': [0.4, 0.4]}}}))
     spec = tmp_path / 'load.yaml'

@@ -169,10 +169,13 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the two-link arm at a coarse step, for little time."""
     file = tmp_path_factory.mktemp('arm') / 'arm.yaml'
     text = (CONFIG / 'friction.yaml').read_text()
-    assert 'control_period: 0.001' in text
-    assert 'duration: 10.0' in text
-    file.write_text(text.replace('control_period: 0.001', 'control_period: 0.01').replace(
-        'duration: 10.0', 'duration: 5.2\n    compiled: false'))
+    for line, coarse in (
+            ('control_period: 0.001', 'control_period: 0.01'),
+            ('integration_step: 0.001', 'integration_step: 0.01'),
+            ('duration: 10.0', 'duration: 5.2\n    compiled: false')):
+        assert text.count(line) == 1
+        text = text.replace(line, coarse)
+    file.write_text(text)
     return file
 
 
