@@ -202,8 +202,8 @@ def nodes_of(pid: int) -> dict[str, int]:
 
 def endless(bag: Path) -> tuple[str, ...]:
     """Return arguments of a bringup that records until it is stopped, 100 samples a second."""
-    return ('--params-file', str(CONFIG / 'friction.yaml'), '--duration', '0',
-            '--record', str(bag), '--ros-args', '-p', 'control_period:=0.01')
+    return ('--params-file', str(CONFIG / 'friction.yaml'), '--pacing', 'real_time',
+            '--duration', '0', '--record', str(bag), '--ros-args', '-p', 'control_period:=0.01')
 
 
 def running(process: subprocess.Popen[str], bag: Path) -> dict[str, int]:
