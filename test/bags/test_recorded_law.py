@@ -139,6 +139,7 @@ def check_what_is_shown(bag: Path, out: Path) -> None:
 
 
 @pytest.mark.ros
+@pytest.mark.slow
 def test_real_time_on_a_busy_machine(tmp_path: Path) -> None:
     bag = tmp_path / 'bag'
     with load(2):

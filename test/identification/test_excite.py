@@ -239,7 +239,7 @@ def test_the_seed_and_nothing_else_decides(tmp_path: Path) -> None:
     texts = []
     for k, seed in enumerate((3, 3, 4)):
         out = tmp_path / str(k)
-        result = ctc('excite', '--evaluations', 20, '--seed', seed, '--out', out)
+        result = ctc('excite', '--evaluations', 5, '--seed', seed, '--out', out)
         assert result.returncode == 0, result.stderr
         texts.append((out / 'motion.yaml').read_text())
     assert texts[0] == texts[1] != texts[2]
@@ -254,15 +254,15 @@ def test_the_file_it_wrote_may_be_the_one_it_reads(tmp_path: Path) -> None:
 
 
 def test_the_command_prints_and_writes_the_motion(tmp_path: Path) -> None:
-    result = ctc('excite', '--params-file', 'panda', '--evaluations', 1, '--duration', 80,
-                 '--poses', 4, '--out', tmp_path)
+    result = ctc('excite', '--params-file', 'panda', '--evaluations', 1, '--duration', 35,
+                 '--poses', 2, '--out', tmp_path)
     assert result.returncode == 0, result.stderr
     for text in (*PANDA, '/87', 'no acceleration limit', 'nearest approach of two links is '):
         assert text in result.stdout
     assert max(map(len, result.stdout.splitlines()[:-1])) <= 100
     assert {x.name for x in tmp_path.iterdir()} == {LIST, 'motion.yaml', 'run.yaml'}
     setup = parameter_file.load(tmp_path / 'run.yaml')
-    assert (setup.controller.law, setup.plant.duration, setup.events) == ('compensation', 80.0, ())
+    assert (setup.controller.law, setup.plant.duration, setup.events) == ('compensation', 35.0, ())
     before = parameter_file.load(ROOT / 'config' / 'panda.yaml')
     assert (np.array(setup.controller.kp) >= before.controller.kp).all()
     refused(ctc('excite', '--evaluations', 1, '--out', tmp_path),
@@ -308,7 +308,7 @@ def test_the_duration_that_a_refusal_names_is_enough(tmp_path: Path) -> None:
 
 def test_a_motion_for_one_joint_moves_the_others_little(tmp_path: Path) -> None:
     setup = parameter_file.load(ROOT / 'config' / 'panda.yaml')
-    found = excite(setup, {'duration': DURATION, 'evaluations': 10, 'seed': 1}, ('panda_joint7',))
+    found = excite(setup, {'duration': DURATION, 'evaluations': 3, 'seed': 1}, ('panda_joint7',))
     q, t = found.motion[0], STEP * np.arange(found.motion.shape[1])
     away = np.ptp(q[t > found.excitation.slow[-1][2] + 2.0], axis=0)
     assert (away[:6] < 0.5 * away[6]).all()
@@ -326,7 +326,8 @@ def test_the_motion_of_the_reference_may_exceed_the_limits(tmp_path: Path) -> No
     file = tmp_path / 'fast.yaml'
     file.write_text(re.sub(r'frequency: \[.*\]', f'frequency: [{", ".join(7 * ["9.0"])}]', text))
     refused(ctc('simulate', '--params-file', file), 'panda_joint1')
-    result = ctc('excite', '--params-file', file, '--evaluations', 1, '--out', tmp_path / 'out')
+    result = ctc('excite', '--params-file', file, '--evaluations', 1, '--poses', 1,
+                 '--duration', 30, '--out', tmp_path / 'out')
     assert result.returncode == 0, result.stderr
 
 
