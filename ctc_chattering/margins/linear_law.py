@@ -33,6 +33,7 @@ that y does not reach, or that do not reach τ, are left out.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import RECORDS
@@ -168,7 +169,14 @@ def linear_law(config: ControllerConfig, mass: Array, with_reference: bool = Fal
         If the law is not linear near a steady motion.
 
     """
-    motion = _SteadyMotion(_without_limits(config), mass, with_reference)
+    return _linear_law(config, tuple(map(tuple, mass.tolist())), with_reference)
+
+
+@lru_cache(maxsize=16)  # Margins of loop, masses and rotors need the same ones.
+def _linear_law(
+        config: ControllerConfig, mass: tuple[tuple[float, ...], ...], with_reference: bool
+        ) -> LinearLaw:
+    motion = _SteadyMotion(_without_limits(config), np.array(mass), with_reference)
     scale = motion.sensitivity()
     change = motion.differences(_DIFFERENCE, scale)
     larger = motion.differences(_LARGER_DIFFERENCE, scale)
