@@ -90,7 +90,7 @@ class Plant:
         physics = independent_plant.ideal(planar(*PAPER)).changed(
             coulomb=9.9, lag=2e-3, rate=(5e3, 1e3))
         self._plant = independent_plant.Plant(
-            physics, CENTRE, 1e-9 * H, DELAY, held=False, encoder=1e-5, longest=2.5e-5)
+            physics, CENTRE, 1e-9 * H, DELAY, held=False, encoder=1e-5, longest=5e-5)
         self.t, self._errors, self._w = 0, list[Array](), w
 
     def measured(self) -> tuple[list[float], list[float]]:

@@ -62,12 +62,17 @@ class ReferenceUnderTest:
         it.start('reference', *ros_args)
         it.until(self.clock.get_subscription_count, 'the reference')
         self.now = -200 * MS
+        self._points: dict[int, JointTrajectoryPoint] = {}
+        self._taken = 0
 
     @property
     def points(self) -> dict[int, JointTrajectoryPoint]:
         """Return the points by their instants [ns]; of two, the one sent later."""
-        return {ns(m.header.stamp) + ns(p.time_from_start): p for m in self.chunks
-                for p in m.points}
+        for m in self.chunks[self._taken:]:
+            start = ns(m.header.stamp)
+            self._points.update({start + ns(p.time_from_start): p for p in m.points})
+            self._taken += 1
+        return self._points
 
     def run_to(self, end: int, ahead: int = 400 * MS) -> None:
         """Publish times up to `end`, and wait for the motion ahead [ns]."""
