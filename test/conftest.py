@@ -52,6 +52,7 @@ def pytest_configure(config: pytest.Config) -> None:
                                 'apt-get install chromium, or CHROMIUM=/its/path')
     if config.getoption('numprocesses', None) and not hasattr(config, 'workerinput'):
         return  # It starts those that run the tests.
+    gc.disable()  # Nothing of what is imported is garbage.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
@@ -97,6 +98,7 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)
+    gc.enable()
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
