@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from bags import Entry, parameters, write_bag
@@ -36,19 +37,21 @@ import pytest
 from recorded_runs import assert_equal
 
 TRACKING = '/controller/tracking'
+#: Half as many samples take half the time.
+repeated = partial(repeated_setup, control_period=2e-3)
 
 
 @pytest.fixture(scope='module')
 def plain() -> tuple[Setup, Result]:
     """Return a run without learning."""
-    setup = repeated_setup()
+    setup = repeated()
     return setup, simulate(setup)
 
 
 @pytest.fixture(scope='module')
 def learning() -> tuple[Setup, Result]:
     """Return a run that learns."""
-    setup = repeated_setup(learning=True)
+    setup = repeated(learning=True)
     return setup, simulate(setup)
 
 
@@ -78,7 +81,7 @@ def test_a_run_begins_with_what_a_bag_without_learning_taught(
     write_bag(tmp_path / 'bag', learning_entries(*plain))
     file = tmp_path / 'new folder' / 'learned.npz'
     assert main(['learn', str(tmp_path / 'bag'), '--out', str(file)]) == 0
-    result = simulate(repeated_setup(2.0, learning=True, learning_file=str(file)))
+    result = simulate(repeated(2.0, learning=True, learning_file=str(file)))
     assert first_error(result) < 0.5 * first_error(learning[1])
 
 
@@ -120,11 +123,11 @@ def test_waypoints_are_learned_at_their_end(tmp_path: Path) -> None:
     times = [1_000_000_000, 2_000_000_000, 3_000_000_000]
     route = Route(('joint1', 'joint2'), times, points)
     write_trajectory(route, tmp_path / 'way.yaml')
-    setup = repeated_setup(3.5, trajectory_file=str(tmp_path / 'way.yaml'))
+    setup = repeated(3.5, trajectory_file=str(tmp_path / 'way.yaml'))
     before = record_run(tmp_path / 'bag', setup)
     file = tmp_path / 'learned.npz'
     assert main(['learn', str(tmp_path / 'bag'), '-o', str(file)]) == 0
-    after = simulate(repeated_setup(
+    after = simulate(repeated(
         3.5, trajectory_file=str(tmp_path / 'way.yaml'), learning=True, learning_file=str(file)))
     moves = before.t <= 3.0
     assert np.square(after.e[moves]).mean() < 0.25 * np.square(before.e[moves]).mean()
@@ -207,7 +210,7 @@ def test_the_command_prints_the_passes_and_writes_what_the_reference_reads(
 
 def test_a_learned_file_of_another_name_is_not_needed_to_learn_again(tmp_path: Path) -> None:
     """A bag may name a learned file that is not on this computer."""
-    setup = repeated_setup(2.0, learning=True)
+    setup = repeated(2.0, learning=True)
     result = simulate(setup)
     found = [x for x in learning_entries(setup, result) if x.topic != '/reference/parameters']
     values = {**setup.reference.as_mapping(), 'learning_file': 'elsewhere.npz'}

@@ -27,11 +27,12 @@ from motion_bags import joint_state, point, trajectory
 import numpy as np
 
 
-def repeated_setup(duration: float = 4.0, **reference: Any) -> Setup:
+def repeated_setup(duration: float = 4.0, control_period: float = 1e-3, **reference: Any
+                   ) -> Setup:
     """Return a sinusoid with a period of 0.5 s, under a law that leaves much to learn."""
     return parameter_file.load(None, {
-        '/**': {'compiled': False},
-        'plant': {'duration': duration},
+        '/**': {'control_period': control_period, 'compiled': False},
+        'plant': {'duration': duration, 'integration_step': control_period},
         'controller': {'law': 'pd_gravity', 'kp': 900.0, 'kv': 60.0},
         'reference': {'amplitude': 0.2, 'frequency': 2.0, **reference}})
 
