@@ -20,6 +20,7 @@ import ast
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 import doctest
+from functools import cache
 from importlib.resources import files
 import inspect
 from pathlib import Path
@@ -52,9 +53,15 @@ def modules() -> Iterator[tuple[str, Path]]:
             yield part, path
 
 
+@cache
+def syntax(path: Path) -> list[ast.AST]:
+    """Return the nodes of a module."""
+    return list(ast.walk(ast.parse(path.read_text(encoding='utf-8'))))
+
+
 def imported(path: Path) -> Iterator[str]:
     """Yield the dotted names of all that a module imports."""
-    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+    for node in syntax(path):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -173,8 +180,7 @@ def test_no_two_classes_have_one_name_and_no_two_equations_one_number() -> None:
     """A class that is private to a module counts as any other."""
     kinds = ast.Module, ast.ClassDef, ast.FunctionDef
     nodes = [(path.name, node) for _, path in modules()
-             for node in ast.walk(ast.parse(path.read_text(encoding='utf-8')))
-             if isinstance(node, kinds)]
+             for node in syntax(path) if isinstance(node, kinds)]
     assert not repeated((node.name.lstrip('_'), path) for path, node in nodes
                         if isinstance(node, ast.ClassDef))
     assert not repeated(
