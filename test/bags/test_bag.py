@@ -105,3 +105,25 @@ def test_a_type_that_only_the_bag_defines(
     with closing(open_bag(tmp_path / 'file.mcap')) as reader:
         ((t, found),) = reader.read(reader.named('thing'))
     assert (t, found.header.stamp.sec, found.x.tolist()) == (7, 1, [1.5, -2.5])
+
+
+def test_a_type_that_a_bag_defines_in_another_way_is_that_of_no_other_bag(tmp_path: Path) -> None:
+    """A header of another distribution has a number in front; types are kept between bags."""
+    rule = '=' * 80 + '\nMSG: std_msgs/Header\n'
+    definition = f'std_msgs/Header header\nstring data\n{rule}uint32 seq\nstring frame_id\n'
+    with (tmp_path / 'other.mcap').open('wb') as stream:
+        writer = Writer(stream)
+        writer.start('ros2')
+        schema = writer.register_schema('my_msgs/msg/Note', 'ros2msg', definition.encode())
+        channel = writer.register_channel('/note', 'cdr', schema)
+        data = struct.pack('<4sII4sI2s', b'\0\1\0\0', 7, 2, b'f', 2, b'x')
+        writer.add_message(channel, 5, data, 5)
+        writer.finish()  # type: ignore[no-untyped-call]
+    bag = made(tmp_path, 'mcap')
+    for _ in range(2):
+        with closing(open_bag(bag)) as reader:
+            ((_, state), *_) = reader.read(reader.named('joint_states'))
+            assert state.header.stamp.nanosec == 0
+        with closing(open_bag(tmp_path / 'other.mcap')) as reader:
+            ((_, note),) = reader.read(reader.named('note'))
+            assert (note.header.seq, note.header.frame_id, note.data) == (7, 'f', 'x')
