@@ -94,7 +94,7 @@ def numbers(out: Path) -> Any:
 def test_a_spec_becomes_gains(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     spec = folder / 'spec.yaml'
     spec.write_text(SPEC.replace('5000', '[5000, 700]').replace(
-        'duration: 0.5', f'duration: 0.4\nseed: {2 ** 40}'))
+        'duration: 0.5', f'duration: 0.2\nseed: {2 ** 40}'))
     command = ['tune', str(spec), '--trials', '3', '--jobs', '1', '--draws', '3',
                '--percentile', '50']
     assert main(command) == 0
@@ -107,7 +107,7 @@ def test_a_spec_becomes_gains(folder: Path, capsys: pytest.CaptureFixture[str]) 
         LIST, 'figures', 'front', 'index.html', 'tune.json', 'tune.parquet', 'tuned.yaml'}
     found = numbers(Path('tuned'))
     assert [found[x] for x in ('percentile', 'seed', 'law', 'duration_s')] == [
-        50.0, 2 ** 40, 'chattering', 0.4]
+        50.0, 2 ** 40, 'chattering', 0.2]
     assert found['limits']['torque_nm'] == [5000.0, 700.0]
     assert len(found['draws']['search']['values']) == 3
     assert all(5.0 <= x['numbers']['pole'] <= 50.0 for x in found['trials'])
@@ -117,7 +117,7 @@ def test_a_spec_becomes_gains(folder: Path, capsys: pytest.CaptureFixture[str]) 
 
 def test_a_parameter_file_alone_is_enough(folder: Path) -> None:
     file = folder / 'robot.yaml'
-    file.write_text(ROBOT.replace('10.0', '0.5'))
+    file.write_text(ROBOT.replace('10.0', '0.2'))
     assert main(['tune', str(file), '--trials', '2', '--jobs', '1', '--draws', '2']) == 0
     assert list(numbers(Path('tuned'))['uncertain']) == ['model', 'friction', 'lag', 'noise']
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from math import sin
 from pathlib import Path
+from typing import Any
 
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
@@ -41,10 +42,16 @@ def weight_of_two_links(q1: float, q2: float) -> float:
     return 9.81 * ((M1 * R1 + M2 * L1) * sin(q1) + M2 * R2 * sin(q1 + q2))
 
 
+def coarse(values: dict[str, Any], duration: float) -> dict[str, Any]:
+    """Return the parameters of a run at 500 Hz."""
+    return {**values, '/**': {**values['/**'], 'control_period': 2e-3},
+            'plant': {**values['plant'], 'duration': duration, 'integration_step': 2e-3}}
+
+
 def test_the_motion_is_within_half_the_limits_and_the_torques() -> None:
     """Compare with the limits as the URDF has them, at the samples of a simulated run."""
     values = new_robot(URDF).values
-    setup = parameter_file.load(None, {**values, 'plant': {**values['plant'], 'duration': 4.0}})
+    setup = parameter_file.load(None, coarse(values, 4.0))
     result = simulate(setup)
     joints = [Tree(find_file(URDF).read_text()).joints[x] for x in result.joint_names]
     assert len(joints) == 2
@@ -81,8 +88,7 @@ def test_another_centre_where_a_joint_cannot_hold_the_middle(tmp_path: Path) -> 
     assert weight_of_two_links(*found.motion.center) < 0.6 * 21.0
     assert found.motion.center[0] - found.motion.amplitude[0] > 0.4
     assert found.motion.center[0] + found.motion.amplitude[0] < 2.8
-    result = simulate(parameter_file.load(None, {
-        **found.values, 'plant': {**found.values['plant'], 'duration': 3.0}}))
+    result = simulate(parameter_file.load(None, coarse(found.values, 3.0)))
     assert np.abs(result.tau[:, 0]).max() < 21.0
     assert np.abs(result.e[result.t >= 2.5]).max() < 0.02
     again = new_robot(location)

@@ -61,6 +61,7 @@ def test_the_own_law_learns_what_the_law_without_memory_does_not(tmp_path: Path)
     assert own[0] < 0.5 * without[0] and own[1] < 0.8 * without[1]
 
 
+@pytest.mark.slow
 def test_the_own_robot_passes_its_checks_and_is_moved(tmp_path: Path) -> None:
     text = said('own_robot', tmp_path)
     assert text.count('ok ') == 9 and 'FAILED' not in text
