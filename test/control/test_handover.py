@@ -71,7 +71,8 @@ class Loop:
     def copied(self) -> Loop:
         """Return another one that goes on from here."""
         other = copy.copy(self)
-        other.plant, other.law = copy.deepcopy((self.plant, self.law))
+        shared = {id(x): x for x in (self.plant.config, self.law.config)}  # They never change.
+        other.plant, other.law = copy.deepcopy((self.plant, self.law), shared)
         other.tau, other.parts, other.robust = [*self.tau], [*self.parts], [*self.robust]
         return other
 
