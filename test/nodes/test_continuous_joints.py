@@ -80,8 +80,8 @@ def tracking(bag: Path) -> tuple[Array, Array, Array]:
     return (stamps - start) / NANOSECONDS, desired, error
 
 
-@pytest.mark.parametrize(('least', 'loss'), [
-    pytest.param(-pi, 0.0, marks=pytest.mark.slow), (0.0, 0.05)])
+@pytest.mark.slow  # `test_positions.py` has it without ROS.
+@pytest.mark.parametrize(('least', 'loss'), [(-pi, 0.0), (0.0, 0.05)])
 def test_in_lockstep_the_window_makes_no_difference(
         tmp_path: Path, least: float, loss: float) -> None:
     """
