@@ -38,8 +38,7 @@ from ctc_chattering.controller.trips import TripMonitor
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
 from ctc_chattering.learning.design import filter_for
-from ctc_chattering.learning.learner import Learner as PackageLearner
-from ctc_chattering.learning.learner import LearningState
+from ctc_chattering.learning.learner import Learner, LearningState
 from ctc_chattering.learning.motion import motion_of
 from ctc_chattering.learning.simulated_learner import make_learner
 from ctc_chattering.simulation.closed_loop import ClosedLoop, LearnedTable, run_closed_loop
@@ -80,7 +79,7 @@ SLOW_S = 0.3
 STOP_S = 0.5
 #: A run with a larger error has diverged [rad].
 DIVERGED_RAD = 1.0
-#: Largest correction of the reference [rad].
+#: Room for the correction of the reference within the limits [rad].
 BOUND_RAD = 0.1
 #: Largest learned torque per effort limit.
 TORQUE_BOUND = 0.5
@@ -108,8 +107,8 @@ CASES = {
 LAWS = ('pd_gravity', 'compensation', 'observer_feedback', 'half', 'chattering', 'slotine_li')
 #: Laws that get better without learning, since they adapt the level of friction.
 ADAPTIVE_LAWS = ('observer_feedback', 'half', 'slotine_li')
-#: Ways to learn: not at all; by the package; the reference or the torque by plain iterations.
-NOTHING, PACKAGE, REFERENCE, TORQUE = 'nothing', 'package', 'reference', 'torque'
+#: Ways to learn: not at all; by the package; the torque by plain iterations.
+NOTHING, PACKAGE, TORQUE = 'nothing', 'package', 'torque'
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,24 +121,20 @@ class Tuning:
     gain : float
         Part of an error that a pass corrects; of the law's own feedback for torques.
     cutoff : float
-        Of the filter without delay [Hz].
+        Of the filter without delay [Hz], 0 for that of the package.
     lead : float
-        Time by which a correction is earlier than its error [s].
-    order : int
-        Of the filter.
+        Time by which a learned torque is earlier than its error [s].
 
     """
 
-    gain: float = 0.5
-    cutoff: float = 20.0
+    gain: float = 0.0
+    cutoff: float = 0.0
     lead: float = 0.0
-    order: int = 4
 
 
 #: Tuning by way to learn. That of torques: the law's kp and kv times the inertia, as in feedback
 #: error learning; the lead is lag, delay and half a period.
-TUNINGS = {NOTHING: Tuning(), PACKAGE: Tuning(0.7, 0.0), REFERENCE: Tuning(),
-           TORQUE: Tuning(0.5, 20.0, 4e-3)}
+TUNINGS = {NOTHING: Tuning(), PACKAGE: Tuning(0.7), TORQUE: Tuning(0.5, 20.0, 4e-3)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -287,43 +282,29 @@ class Course:
         return np.stack((q, rate * dq, rate * rate * ddq + change * dq), axis=1)
 
 
-def filtered(x: Array, tuning: Tuning, gain: Any = 1.0) -> Array:
-    """Return periodic samples, shape (N, n), through the filter without delay, and a factor."""
-    f = np.fft.rfftfreq(N, PERIOD_S)
-    q = gain / (1.0 + (f / tuning.cutoff) ** (2 * tuning.order))
-    y: Array = np.fft.irfft(q[:, None] * np.fft.rfft(x, axis=0), N, axis=0)
+def through(x: Array, response: Any) -> Array:
+    """Return periodic samples, shape (N, n), through a filter with a frequency response."""
+    y: Array = np.fft.irfft(response[:, None] * np.fft.rfft(x, axis=0), N, axis=0)
     return y
 
 
-def derivatives(x: Array) -> Array:
-    """Return periodic samples, shape (N, n), with two derivatives, shape (N, 3, n)."""
-    s = 2j * np.pi * np.fft.rfftfreq(N, PERIOD_S)[:, None]
-    spectrum = np.fft.rfft(x, axis=0)
-    return np.stack([np.fft.irfft(s ** k * spectrum, N, axis=0) for k in range(3)], axis=1)
-
-
-def led(lead: float) -> Array:
-    """Return the factors that move periodic samples to an earlier time."""
-    factors: Array = np.exp(2j * np.pi * np.fft.rfftfreq(N, PERIOD_S) * lead)
-    return factors
-
-
-class Learner:
+class TorqueLearner:
     """
-    What is added, learned from the errors of passes.
+    The torque that is added, learned from the errors of passes.
 
     Attributes
     ----------
     added : ndarray, shape (N, n)
-        To the reference [rad] or the torque [N·m] in each sample of a period.
+        Torque in each sample of a period [N·m].
 
     """
 
     def __init__(self, task: Task, setup: Setup, arm: Arm) -> None:
         n = arm.described.n
-        self.way, self.tuning = task.learns, task.tuning
+        self.tuning = task.tuning
         self.added = self.best = np.zeros((N, n))
         self.errors: list[float] = []
+        self.learns = task.learns == TORQUE
         self.frozen = False
         mass, bias = np.zeros((n, n)), np.zeros(n)
         dynamics(arm.described.bodies(), np.array(arm.described.centre), np.zeros(n), mass, bias)
@@ -331,12 +312,11 @@ class Learner:
         alone = 1.0 / np.diagonal(np.linalg.inv(mass))
         self.kp, self.kd = (alone * x for x in (
             np.array(setup.controller.kp), np.array(setup.controller.kv)))
-        self.bound = BOUND_RAD * np.ones(n) if self.way == REFERENCE else (
-            TORQUE_BOUND * arm.effort)
+        self.bound = TORQUE_BOUND * arm.effort
 
     def learn(self, error: Array) -> None:
         """Take the errors of a pass, shape (N, n) [rad]."""
-        if self.way == NOTHING or self.frozen:
+        if not self.learns or self.frozen:
             return
         size = float(np.sqrt(np.square(error).mean(axis=0)).max())
         if not self.errors or size < min(self.errors):
@@ -346,11 +326,13 @@ class Learner:
         if len(last) == 3 and last == sorted(last) and last[2] > GROWTH * last[0]:
             self.frozen, self.added = True, self.best
             return
-        if self.way == TORQUE:
-            e, de, _ = np.moveaxis(derivatives(filtered(error, self.tuning)), 1, 0)
-            error = self.kp * e + self.kd * de
-        step = filtered(error, self.tuning, self.tuning.gain * led(self.tuning.lead))
-        added = filtered(self.added, self.tuning) + step
+        frequency = np.fft.rfftfreq(N, PERIOD_S)
+        s = 2j * np.pi * frequency
+        low_pass = 1.0 / (1.0 + (frequency / self.tuning.cutoff) ** 8)
+        smooth = through(error, low_pass)
+        torque = self.kp * smooth + self.kd * through(smooth, s)
+        step = self.tuning.gain * through(torque, np.exp(s * self.tuning.lead))
+        added = through(self.added + step, low_pass)
         self.added = np.clip(added, -self.bound, self.bound)
 
 
@@ -380,8 +362,8 @@ def run(task: Task) -> dict[str, Any]:
 
 def by_hand(task: Task, setup: Setup, robot: ForeignRobot, course: Course, law: Controller,
             arm: Arm) -> dict[str, Any]:
-    """Run the loop with a way to learn that is written here."""
-    learner = Learner(task, setup, arm)
+    """Run the loop without learning, or with a learned torque."""
+    learner = TorqueLearner(task, setup, arm)
     end, trip = closed_loop(robot, law, course, learner, CASES[task.case])
     return {'end': end, 'trip': trip, 'frozen': learner.frozen}
 
@@ -405,9 +387,9 @@ class StopClock:
 class StoppedTable(LearnedTable):
     """A motion that is stopped, and goes on, as by the services of the reference node."""
 
-    def __init__(self, stop: StopClock, learner: PackageLearner, *arguments: Any) -> None:
+    def __init__(self, stop: StopClock, learner: Learner, *arguments: Any) -> None:
         self._stop = stop
-        self._package_learner = learner
+        self._own_learner = learner
         self._is_interrupted = False
         super().__init__(learner, *arguments)
 
@@ -418,7 +400,7 @@ class StoppedTable(LearnedTable):
     def _report(self, stamp: int, e: Array) -> None:
         if stamp >= self._stop.stop.t0 and not self._is_interrupted:
             self._is_interrupted = True
-            self._package_learner.interrupt(self._stop.at(self._stop.go_on.end).instant)
+            self._own_learner.interrupt(self._stop.at(self._stop.go_on.end).instant)
         super()._report(stamp, e)
 
 
@@ -456,7 +438,7 @@ def by_package(task: Task, setup: Setup, robot: ForeignRobot, course: Course, la
                   'contraction': designed.contraction, 'problem': learner.problem}
 
 
-def _take_windows(course: Course, learner: PackageLearner, case: Case) -> None:
+def _take_windows(course: Course, learner: Learner, case: Case) -> None:
     """Have a course the passes that a learner has measured, and the one that was stopped."""
     windows = [(p.begin, p.end) for p in learner.passes]
     if case.stopped:
@@ -470,13 +452,12 @@ def _take_windows(course: Course, learner: PackageLearner, case: Case) -> None:
         course.first, course.last = samples.astype(int).T
 
 
-def closed_loop(robot: ForeignRobot, law: Controller, course: Course, learner: Learner,
+def closed_loop(robot: ForeignRobot, law: Controller, course: Course, learner: TorqueLearner,
                 case: Case) -> tuple[str, str]:
     """Run all passes; return why it ended early, and the first trip."""
     n, delay = robot.n, law.config.input_delay
     monitor, trip = TripMonitor(law.config.joint_names, robot.period_ns), ''
-    table = course.asked.copy()
-    torque = np.zeros((len(table), n))
+    torque = np.zeros((len(course.asked), n))
     held: Sequence[float] = [0.0] * n
     instants: list[float] = []
     errors: list[Array] = []
@@ -486,14 +467,14 @@ def closed_loop(robot: ForeignRobot, law: Controller, course: Course, learner: L
             if not (case.stopped and done == STOPPED_PASS):
                 before = learner.added
                 learner.learn(_on_grid(instants, errors, course, done))
-                _take(course, learner, before, k, table, torque)
+                _take(course, learner, before, k, torque)
             else:
-                _take(course, learner, learner.added, k, table, torque)
+                _take(course, learner, learner.added, k, torque)
             done += 1
             instants, errors = [], []
         if not robot.lost:
             q, dq = (x.tolist() for x in robot.measured)
-            (q_d, dq_d, ddq_d), *ahead = table[k:k + delay + 1].tolist()
+            (q_d, dq_d, ddq_d), *ahead = course.asked[k:k + delay + 1].tolist()
             sample = law.try_step(q, dq, q_d, dq_d, ddq_d, ahead, robot.stamp,
                                   k * robot.period_ns)
             if sample is None:
@@ -522,26 +503,12 @@ def _on_grid(instants: Sequence[float], errors: Sequence[Array], course: Course,
     return np.column_stack([np.interp(grid, at % N, x, period=N) for x in columns])
 
 
-def _take(course: Course, learner: Learner, before: Array, k: int, table: Array, torque: Array
-          ) -> None:
+def _take(course: Course, learner: TorqueLearner, before: Array, k: int, torque: Array) -> None:
     """Fade from what was added to what is added, from sample k on until the next pass ends."""
-    s = np.clip(np.arange(len(table) - k) / FADE, 0.0, 1.0)[:, None]
-    if learner.way == TORQUE:
-        index = np.rint(course.index[k:]).astype(int) % N
-        w = s * s * (3.0 - 2.0 * s)
-        torque[k:] = before[index] + w * (learner.added - before)[index]
-        return
-    if learner.way != REFERENCE:
-        return
-    fade = FADE * PERIOD_S
-    w = s ** 3 * (10.0 - 15.0 * s + 6.0 * s * s)
-    dw = 30.0 * s ** 2 * (1.0 - s) ** 2 / fade
-    ddw = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / fade ** 2
-    old = course.sample(derivatives(before), k, len(table))
-    q, dq, ddq = np.moveaxis(
-        course.sample(derivatives(learner.added - before), k, len(table)), 1, 0)
-    new = np.stack((w * q, w * dq + dw * q, w * ddq + 2.0 * dw * dq + ddw * q), axis=1)
-    table[k:] = course.asked[k:] + old + new
+    s = np.clip(np.arange(len(torque) - k) / FADE, 0.0, 1.0)[:, None]
+    index = np.rint(course.index[k:]).astype(int) % N
+    w = s * s * (3.0 - 2.0 * s)
+    torque[k:] = before[index] + w * (learner.added - before)[index]
 
 
 def scores(robot: ForeignRobot, course: Course) -> dict[str, Any]:
@@ -640,7 +607,7 @@ def tables(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     """Yield lines of Markdown: each comparison, then medians and worst."""
     comparisons = compared(rows)
     slotine = {key[:4]: c.without for key, c in comparisons.items() if key[4] == 'slotine_li'}
-    ways = [way for way in (PACKAGE, REFERENCE, TORQUE) if any(r['learns'] == way for r in rows)]
+    ways = [way for way in (PACKAGE, TORQUE) if any(r['learns'] == way for r in rows)]
     yield ('| arm | engine | case | law | without | '
            + ' | '.join(f'{way}, after passes 1, 2, 4, 8 | factor' for way in ways)
            + ' | slotine_li without | variation without | '
@@ -685,8 +652,6 @@ def main() -> None:
     parser.add_argument('--jobs', type=int, default=1)
     parser.add_argument('--all', dest='alternate', action='store_false',
                         help='run every arm on every engine, not each on one of them by seed')
-    parser.add_argument('--tuning', type=json.loads, default={},
-                        help='of the correction of the reference, as JSON')
     parser.add_argument('--rows', type=Path, default=Path('learning.jsonl'))
     parser.add_argument('--quick', action='store_true', help='few circumstances and laws')
     parser.add_argument('--tables', type=Path, nargs='*',
@@ -699,7 +664,6 @@ def main() -> None:
     if options.quick:
         options.cases = ['regular', 'lost 10 %', 'load']
         options.laws = ['pd_gravity', 'half', 'slotine_li']
-    TUNINGS[REFERENCE] = dataclasses.replace(TUNINGS[REFERENCE], **options.tuning)
     with get_context('spawn').Pool(options.jobs) as pool, options.rows.open('a') as file:
         for row in pool.imap(run, list(tasks(options))):
             print(line(row), flush=True)

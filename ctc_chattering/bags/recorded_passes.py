@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Learn a correction from the passes in a bag, for `ctc learn`.
+Learning from the passes in a bag, for `ctc learn`.
 
 The `Learner` of the nodes takes the errors that the controller published. A pass is left out if
 the controller did not follow the motion of the recorded parameters.
@@ -43,7 +43,7 @@ import numpy as np
 
 
 class RecordedPasses(NamedTuple):
-    """A learner with the passes of a bag, and the setup for which it learned."""
+    """Learner of a bag's passes, and its setup."""
 
     learner: Learner
     reference: ReferenceConfig
@@ -55,7 +55,7 @@ class RecordedPasses(NamedTuple):
 
 def learn_from_bag(path: Path, classes: Mapping[str, object]) -> RecordedPasses:
     """
-    Return a learner that has taken all passes in a bag.
+    Return a learner of all passes in a bag.
 
     Parameters
     ----------

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Learning a correction of the reference from the passes of a repeated motion."""
+"""Learn to correct the reference of a repeated motion."""

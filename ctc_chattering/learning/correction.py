@@ -33,7 +33,7 @@ import numpy as np
 
 class ConstantCorrection:
     """
-    A correction that does not change, such as 0 for a motion that is not known yet.
+    A constant correction, such as 0 for an unknown motion.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class ConstantCorrection:
 
 class Correction:
     """
-    A correction over the path time of a motion, a cubic spline through its samples.
+    A cubic spline through the samples of a correction.
 
     Before and after a motion that is not periodic it keeps its first and its last value.
 
@@ -82,7 +82,7 @@ class Correction:
         self._coefficients = spline.c.swapaxes(0, 1)
 
     def at(self, t: int) -> Point:
-        """Return position, velocity and acceleration at path time `t` [ns]."""
+        """Return the point at path time `t` [ns]."""
         motion = self._motion
         phase = motion.phase(t)
         # Several times as fast as the call of a spline, which is for many instants at once.

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Design of the learning filter from what is known of the loop.
+Design of the learning filter for a known loop.
 
 Simulation, reference node and `ctc learn` call `design_filter` with the configuration of the
 controller. With the response T of the loop to its reference (RR1), e_j = e_0 - T r_j. So (RL1)
@@ -74,7 +74,9 @@ _CUTOFFS = 60
 def filter_for(motion: RepeatedMotion, reference: ReferenceConfig, controller: ControllerConfig,
                model: Model) -> LearningFilter:
     """
-    Return the learning filter for a motion, with joints in the order of the reference.
+    Return the learning filter for a motion.
+
+    Its joints are in the order of the reference.
 
     Parameters
     ----------
@@ -114,7 +116,7 @@ def filter_for(motion: RepeatedMotion, reference: ReferenceConfig, controller: C
 def design_filter(config: ControllerConfig, masses: Sequence[Array], gain: float, cutoff: float
                   ) -> LearningFilter:
     """
-    Return the learning filter for a law, or refuse one that need not converge.
+    Return a learning filter that converges under a law.
 
     Parameters
     ----------
@@ -140,7 +142,7 @@ def design_filter(config: ControllerConfig, masses: Sequence[Array], gain: float
 @lru_cache(32)
 def _designed(config: ControllerConfig, masses: tuple[tuple[tuple[float, ...], ...], ...],
               gain: float, cutoff: float) -> LearningFilter:
-    """Return a filter, which is kept, because it takes up to a second."""
+    """Return a filter, which takes up to a second."""
     period = seconds(period_ns(config.control_period))
     frequencies = np.geomspace(_LOWEST_FREQUENCY, 0.45 / period, _FREQUENCIES)
     loops = _loops(config, [np.array(mass) for mass in masses], period)
@@ -174,7 +176,7 @@ def _designed(config: ControllerConfig, masses: tuple[tuple[tuple[float, ...], .
 
 
 class _PossibleLoops(NamedTuple):
-    """Loops that a law may have, without those that are unstable."""
+    """Stable loops that a law may have."""
 
     stable: Sequence[Loops]
     #: Whether T may also be 1, as in ideal sliding.
@@ -215,10 +217,11 @@ def _loops(config: ControllerConfig, masses: Sequence[Array], period: float) -> 
 def _linear_loops(config: ControllerConfig, masses: Sequence[Array], period: float
                   ) -> list[Loops]:
     """
-    Return the loops of a linear law, of one joint where all are equal.
+    Return the loops of a linear law.
 
-    They have the lag that is known and the one that is assumed, and the velocity of a difference
-    and of a sensor. Those that are unstable are left out, since the robot is not theirs.
+    Where all joints are equal they are those of one joint. They have the lag that is known and the
+    one that is assumed, and the velocity of a difference and of a sensor. Those that are unstable
+    are left out, since the robot is not theirs.
     """
     identity = np.eye(len(masses[0]))
     lags = {config.known_lag, config.assumed_lag}

@@ -13,11 +13,12 @@
 # limitations under the License.
 
 """
-A correction in a file, to keep it between runs.
+A learned correction in a file.
 
-`ctc learn` writes it, and the parameter ``learning_file`` of the reference names it. Beside the
-correction it has the motion, robot and law for which it was learned, and is refused for others.
-It is in NumPy's format, and holds no pickled objects, so that reading it runs no code.
+It is kept there between runs. `ctc learn` writes it, and the parameter ``learning_file`` of the
+reference names it. Beside the correction it has the motion, robot and law for which it was
+learned, and is refused for others. It is in NumPy's format, and holds no pickled objects, so that
+reading it runs no code.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ _ROUNDING = 1e-9
 def read_correction(path: Path, motion: RepeatedMotion, reference: ReferenceConfig,
                     controller: ControllerConfig | None, description: str) -> Array:
     """
-    Return the correction in a file, shape (N, n) [rad].
+    Return a file's correction, shape (N, n) [rad].
 
     Parameters
     ----------
@@ -95,7 +96,11 @@ def read_correction(path: Path, motion: RepeatedMotion, reference: ReferenceConf
 
 def write_correction(path: Path, rows: Array, motion: RepeatedMotion, reference: ReferenceConfig,
                      controller: ControllerConfig, description: str) -> None:
-    """Write a correction, shape (N, n) [rad], with what `read_correction` compares."""
+    """
+    Write a correction, shape (N, n) [rad].
+
+    With it is written what `read_correction` compares.
+    """
     learned = json.dumps(_describe(motion, reference, controller, description))
     content = BytesIO()
     np.savez_compressed(content, rows=rows, learned=learned)
@@ -103,7 +108,11 @@ def write_correction(path: Path, rows: Array, motion: RepeatedMotion, reference:
 
 
 def check_replaceable(path: Path, overwrite: bool) -> None:
-    """Raise `CtcError` unless there is no file, or a learned file that may be overwritten."""
+    """
+    Raise `CtcError` if a file must not be replaced.
+
+    Only a learned file is replaced, if `overwrite` allows it.
+    """
     check_file(path, overwrite)
     if os.path.lexists(path):
         with prefixed('not overwritten: '):
@@ -111,7 +120,11 @@ def check_replaceable(path: Path, overwrite: bool) -> None:
 
 
 def _load(path: Path) -> tuple[dict[str, Any], Array]:
-    """Return what a file was learned for, and its array; raise `CtcError` for other files."""
+    """
+    Return what a file was learned for, and its correction.
+
+    Other files raise `CtcError`.
+    """
     content = BytesIO(read_bytes(path))
     try:
         with ZipFile(content) as archive:
@@ -126,7 +139,7 @@ def _load(path: Path) -> tuple[dict[str, Any], Array]:
 
 def _describe(motion: RepeatedMotion, reference: ReferenceConfig,
               controller: ControllerConfig | None, description: str) -> dict[str, Any]:
-    """Return motion, robot and law of a correction as values of JSON."""
+    """Return motion, robot and law as JSON values."""
     values: dict[str, Any] = {'motion': motion.name, 'joints': reference.joint_names}
     if controller is not None:
         values['robot'] = sha256(description.encode()).hexdigest()

@@ -66,7 +66,7 @@ _LEAST_SHARE = 0.1
 
 def duration_of_passes(motion: RepeatedMotion, count: int) -> int:
     """
-    Return the time that passes of a periodic motion take from path time 0 [ns].
+    Return the path time at which passes have ended [ns].
 
     Pass k begins at that of k passes, if each of them changes the correction.
     """
@@ -74,7 +74,7 @@ def duration_of_passes(motion: RepeatedMotion, count: int) -> int:
 
 
 class LearningState(Enum):
-    """State of a `Learner`. The value is its text for the user."""
+    """State of a `Learner`, with its text as value."""
 
     LEARNING = 'learning'
     FROZEN = 'frozen'
@@ -152,7 +152,7 @@ class Learner:
 
     @property
     def is_measuring(self) -> bool:
-        """Return whether there are errors of a pass that has not ended."""
+        """Return whether a pass with errors is running."""
         return bool(self._samples)
 
     @property
@@ -162,7 +162,7 @@ class Learner:
 
     @property
     def rows(self) -> Array | None:
-        """Return the correction of the present motion, shape (N, n) [rad], None for none."""
+        """Return the present motion's correction, shape (N, n) [rad], or None."""
         return self._present.rows
 
     @property
@@ -178,7 +178,7 @@ class Learner:
 
     @property
     def outcome(self) -> str:
-        """Return in words whether the last pass was learned from, and why not."""
+        """Return what was learned from the last pass, in words."""
         if self.refusal:
             return self.refusal
         if self.problem:
@@ -201,7 +201,11 @@ class Learner:
         return CorrectedMotion(motion, self.applied)
 
     def known_until(self) -> int | None:
-        """Return the path time before which the correction is final [ns], None without end."""
+        """
+        Return the path time before which the correction is final [ns].
+
+        It is None where the correction does not change.
+        """
         motion, state = self.motion, self.state
         may_change = state is LearningState.LEARNING or (
             state is LearningState.STOPPED and self.rows is not None)
@@ -253,11 +257,11 @@ class Learner:
         self._fade(begin, fade)
 
     def remember(self, name: str, rows: Array) -> None:
-        """Take the correction of a motion that is yet to be followed, shape (N, n) [rad]."""
+        """Take the correction of a later motion, shape (N, n) [rad]."""
         self._progress[name] = Progress(rows=rows)
 
     def reset(self, begin: int) -> None:
-        """Forget what was learned, and pass into no correction from path time `begin` [ns] on."""
+        """Forget what was learned, from path time `begin` [ns] on."""
         self._progress.clear()
         self._begin = None
         self.follow(self.motion, begin)
@@ -338,7 +342,11 @@ class Learner:
 
     def _learn(self, motion: RepeatedMotion, begin: int, end: int, samples: Sequence[_ErrorSample]
                ) -> None:
-        """Judge a pass, and make the correction of the next; raise `CtcError` if it cannot."""
+        """
+        Judge a pass, and make the correction of the next.
+
+        A pass from which nothing can be learned raises `CtcError`.
+        """
         progress = self._present
         stamps = np.array([begin, *(sample.s for sample in samples), end])
         intervals = np.diff(stamps)
@@ -374,7 +382,7 @@ class Learner:
         progress.rows = self._within_limits(motion, _bounded(rows, self._bound))
 
     def _within_limits(self, motion: RepeatedMotion, rows: Array) -> Array:
-        """Return a correction with the share of each joint that keeps its limits, shape (N, n)."""
+        """Return the share of a correction that keeps the limits, shape (N, n)."""
         instants = (motion.begin + np.linspace(0, motion.duration, _LIMIT_CHECKS)).astype(int)
         correction = Correction(motion, rows)
         desired, added = (np.array([x.at(t) for t in instants.tolist()])
@@ -387,7 +395,7 @@ class Learner:
         return rows * shares
 
     def _fade(self, begin: int, duration: float = FADE_S) -> None:
-        """Pass into the correction of the present motion from path time `begin` [ns] on."""
+        """Pass into the present motion's correction from path time `begin` [ns] on."""
         while isinstance(self.applied, Transition) and begin >= self.applied.end:
             self.applied = self.applied.target
         rows = self._present.rows
@@ -409,7 +417,7 @@ class Learner:
 
 
 def _bounded(rows: Array, bound: float) -> Array:
-    """Return a correction whose joints are scaled to be within ±bound, and stay as smooth."""
+    """Scale joints of a correction to be within ±bound."""
     # A spline exceeds its samples by less than their second difference.
     bend = np.abs(np.diff(rows, 2, axis=0)).max(axis=0, initial=0.0)
     bounded: Array = rows / np.maximum((np.abs(rows).max(axis=0) + bend) / bound, 1.0)

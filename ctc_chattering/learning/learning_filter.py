@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The step from the errors of a pass to the correction of the next.
+Filter from the errors of a pass to the next correction.
 
 `Learner` applies it at the end of a pass, and `design.py` computes it from the loop. With the
 error e of pass j, and the Fourier transforms over the pass::

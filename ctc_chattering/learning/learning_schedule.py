@@ -74,18 +74,18 @@ class LearningSchedule(MotionSchedule):
         return self._following or self.learner.motion
 
     def correction(self, stamp: int) -> Point:
-        """Return the learned part of the reference at a stamp [ns]."""
+        """Return the reference's correction at a stamp [ns]."""
         motion = ScaledMotion(self.learner.applied, self._clock)
         return motion.at(stamp - (self._start or 0))
 
     def freeze(self, on: bool) -> None:
-        """Keep what was learned as it is, or learn again from the next pass on."""
+        """Keep what was learned, or learn from the next pass on."""
         if self.learner.is_frozen and not on:
             self.learner.interrupt(self._clock.at(self._next * self._period).instant)
         self.learner.is_frozen = on
 
     def reset_learning(self) -> None:
-        """Forget what was learned, and publish without it as soon as possible."""
+        """Forget what was learned, as soon as possible."""
         self.learner.reset(self._path_begin)
         self._next = self._after_published(self.now or 0) // self._period
 
@@ -96,7 +96,11 @@ class LearningSchedule(MotionSchedule):
         self.learner.follow(None, self._path_begin, fade=0.0)
 
     def _after_published(self, now: int) -> int:
-        """Return the first instant [ns] that may still change: no later than what is held back."""
+        """
+        Return the first instant that may still change [ns].
+
+        What is held back may change.
+        """
         held_back = max(self._next, now // self._period) * self._period
         return min(super()._after_published(now), held_back)
 
@@ -109,7 +113,7 @@ class LearningSchedule(MotionSchedule):
 
     def _is_final(self, begin: int, end: int) -> bool:
         """
-        Return whether the samples between two instants [ns] may be published.
+        Return whether samples between two instants [ns] are final.
 
         Samples after a pass wait for its errors, since they change the correction. If the samples
         are needed before the errors have come, the pass is left out.
@@ -127,7 +131,11 @@ class LearningSchedule(MotionSchedule):
         return True
 
     def _follow_plan(self, begin: int, end: int) -> None:
-        """Learn the plan's motion, of which path time `begin` to `end` is published next [ns]."""
+        """
+        Have the learner follow the motion of the plan.
+
+        Path time `begin` to `end` is published next [ns].
+        """
         learner, plan = self.learner, self._plan
         if plan.replacements != self._followed:
             self._followed = plan.replacements
@@ -139,7 +147,7 @@ class LearningSchedule(MotionSchedule):
             learner.follow(motion, max(begin, motion.start))
 
     def _repeat(self) -> RepeatedMotion | None:
-        """Return the plan's motion as a repeated one, None if it is not."""
+        """Return the plan's motion if it is repeated, or None."""
         plan, repetition = self._plan, self._plan.repetition
         self.learner.problem = ''
         if repetition is None or plan.motion is None:

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Motions that are repeated, and the names by which they are recognised.
+Repeated motions and their names.
 
 `Learner` follows a `RepeatedMotion`: the periodic profile of a reference, or waypoints that may be
 sent again.
@@ -72,14 +72,14 @@ class RepeatedMotion:
     start: int
 
     def phase(self, t: int) -> int:
-        """Return the time since a pass began, at path time `t`, within the pass [ns]."""
+        """Return the time within the pass at path time `t` [ns]."""
         elapsed = t - self.begin
         if self.is_periodic:
             return elapsed % self.duration
         return min(max(elapsed, 0), self.duration)
 
     def positions(self) -> list[Sequence[float]]:
-        """Return positions along the motion, each of shape (n,) [rad]."""
+        """Return positions along it, each of shape (n,) [rad]."""
         instants = np.linspace(0, self.duration, _POSITIONS).astype(int)
         return [self.motion.at(self.begin + t)[0] for t in instants.tolist()]
 
@@ -87,7 +87,7 @@ class RepeatedMotion:
 def motion_of(config: ReferenceConfig, route: Route | None, motion: TimedMotion
               ) -> RepeatedMotion:
     """
-    Return the motion of a reference as a repeated one.
+    Return a reference's motion as a repeated one.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def motion_of(config: ReferenceConfig, route: Route | None, motion: TimedMotion
 def waypoint_motion(route: Route, motion: TimedMotion, begin: int, start: Sequence[float] = ()
                     ) -> RepeatedMotion:
     """
-    Return waypoints as a motion that may be sent again.
+    Return waypoints as a motion that may recur.
 
     Parameters
     ----------
@@ -137,12 +137,12 @@ def waypoint_motion(route: Route, motion: TimedMotion, begin: int, start: Sequen
 
 
 def moving_frequencies(config: ReferenceConfig) -> list[float]:
-    """Return the frequencies of the joints that the profile moves [Hz]."""
+    """Return the frequencies of the joints that move [Hz]."""
     return [f for f, size in zip(config.frequency, config.amplitude) if f and size]
 
 
 def _period(config: ReferenceConfig) -> int:
-    """Return the common period of the joints [ns], or raise `CtcError`."""
+    """Return the joints' period [ns], or raise `CtcError`."""
     moving = moving_frequencies(config)
     if not moving:
         raise CtcError('learning: no joint moves')

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Progress of learning one motion, which ends where errors grow.
+Progress of learning, which ends where errors grow.
 
 A `Learner` has one `Progress` for each motion, and has it judge every pass. An error grows if it
 exceeds twice the least one, or 1.1 times the first one.
@@ -50,7 +50,7 @@ class Pass(NamedTuple):
 @dataclasses.dataclass
 class Progress:
     """
-    Passes of a motion, their errors, and the correction that was learned.
+    Passes of a motion, and what was learned.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Progress:
 
     @property
     def is_stopped(self) -> bool:
-        """Return whether errors grew in two passes in a row, which ends learning."""
+        """Return whether learning has ended, since errors grew."""
         return self.growing_passes >= _MAX_GROWING_PASSES
 
     def judge(self, error: float) -> None:
@@ -108,5 +108,5 @@ class Progress:
             self.rows = self.best_rows
 
     def forget_errors(self) -> None:
-        """Compare later passes with the next one, and not with earlier ones."""
+        """Compare later passes with the next one only."""
         self.first_error = self.least_error = self.last_error = inf

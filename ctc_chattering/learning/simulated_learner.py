@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The learner of a loop that is simulated or recorded.
+Learners of simulated and recorded loops.
 
 `analysis.result.simulate` makes one for a setup with ``learning``, and `ctc learn` one for a bag.
 It is the `Learner` of the reference node, and takes the same errors and parameters.
@@ -68,7 +68,7 @@ def make_learner(setup: Setup, robot: Plant, model: Model) -> Learner:
 
 def check_learning(setup: Setup) -> None:
     """
-    Raise `CtcError` for a setup that learns if `learner_of` refuses it.
+    Raise `CtcError` for a setup that cannot learn.
 
     A reference at rest is not refused. It waits for waypoints or goals, which may be learned.
     """

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Learning filters for the controller's law, for the reference node.
+Learning filters for the law of the controller.
 
 The controller announces its parameters, and a filter follows from them. That takes up to a second,
 so that another thread computes it.
@@ -85,13 +85,21 @@ class ControllerLaw:
             lambda message: self._update(self._values, message.data), qos(1, latched=True))
 
     def refusal(self, motion: RepeatedMotion) -> str:
-        """Start the computation of a motion's filter, and return why it failed, '' if not."""
+        """
+        Start the computation of a motion's filter.
+
+        Returns why it failed, '' if it has not.
+        """
         future = self._start(motion)
         error = future.exception() if future and future.done() else None
         return str(error or '')
 
     def filter_of(self, motion: RepeatedMotion) -> LearningFilter | None:
-        """Return the filter for a motion, None while it is computed or the law is not known."""
+        """
+        Return the filter for a motion.
+
+        It is None while it is computed, or the law is not known.
+        """
         future = self._start(motion)
         return future.result() if future and (self._waits() or future.done()) else None
 
@@ -106,7 +114,11 @@ class ControllerLaw:
 
     def _compute(self, motion: RepeatedMotion, values: Mapping[str, Any], description: str
                  ) -> LearningFilter:
-        """Return a filter. It raises `CtcError`, also for values that name code."""
+        """
+        Return a filter, or raise `CtcError`.
+
+        Values that name code are refused.
+        """
         config = ControllerConfig.received(values)
         if motion.name == self.learned_motion:
             path = Path(self._reference.learning_file)
@@ -123,7 +135,7 @@ class ControllerLaw:
                      self._description)
 
     def _update(self, values: Mapping[str, Any], description: str) -> None:
-        """Take what the law depends on, and forget the filters of another law."""
+        """Take the law, and forget filters of another one."""
         before, described = self._values, self._description
         if (before, described) == (values, description):
             return
