@@ -18,19 +18,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import closing
+import os
 from pathlib import Path
+import signal
 import sys
 
 from ctc_chattering.analysis.result import simulate
+from ctc_chattering.analysis.terms import Replay, ReplayVerdict
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.laws.registry import LAWS
 from ctc_chattering.launch.child_process import Child
-from faults import Diagnostics, ERROR
+from faults import Diagnostics, ERROR, running
 from mujoco_plant import simulated_by_mujoco
 import numpy as np
-from processes import CONFIG, probe
+from processes import bringup, CONFIG, PATIENCE, Probe, probe
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from recorded_runs import assert_equal, counts, record, reports_of
@@ -170,6 +173,38 @@ reference:
     assert (report['pass'], report['learning']) == (str(len(errors)), 'learning')
     assert float(report['pass error']) == pytest.approx(errors[-1], rel=1e-3)
     assert_equal(result.run, expected.run, but)
+
+
+@pytest.mark.slow
+def test_a_recorder_that_is_stopped_again_and_again_keeps_each_torque_with_its_state(
+        tmp_path: Path) -> None:
+    """The run does not wait for it. It receives much of one topic before the next one."""
+    file, bag = tmp_path / 'params.yaml', tmp_path / 'bag'
+    file.write_text("""
+plant:
+  ros__parameters: {pacing: lockstep, duration: 30.0, compiled: false}
+controller:
+  ros__parameters: {compiled: false}
+/**:
+  ros__parameters: {control_period: 0.005, sample_loss: 0.05}
+""")
+    with bringup('--record', str(bag), '--params-file', str(file)) as process:
+        recorder = running(process, bag)['recorder']
+        with closing(Probe()) as it:
+            states = it.listen(JointState, 'joint_states')
+            for _ in range(5):
+                os.kill(recorder, signal.SIGSTOP)
+                # Less than the histories of the writers hold.
+                it.until(lambda: len(states) > 300)
+                states.clear()
+                os.kill(recorder, signal.SIGCONT)
+                it.until(lambda: len(states) > 100)
+                states.clear()
+        output, _ = process.communicate(timeout=PATIENCE)
+        assert process.returncode == 0, output
+    result = read_bag(bag)
+    assert result.replay == Replay(ReplayVerdict.EXACT)
+    assert_equal(result.run, simulate(parameter_file.load(file)).run)
 
 
 def test_a_robot_of_a_urdf_and_the_bag_says_all(tmp_path: Path) -> None:
