@@ -74,6 +74,11 @@ def test_services_freeze_and_reset_and_another_law_forgets_what_was_learned() ->
 
 
 def test_a_motion_goes_on_without_its_controller() -> None:
+    """
+    Its chunks follow each other.
+
+    A busy computer makes gaps between a few. How long one is held back is tested in simulated time.
+    """
     with probe() as it:
         chunks = it.listen(JointTrajectory, 'reference')
         it.start('reference', *LEARNING)
@@ -84,9 +89,9 @@ def test_a_motion_goes_on_without_its_controller() -> None:
         it.until_said('the controller has reported no errors of the pass')
         end = ns(chunks[-1].header.stamp)
         it.until(lambda: ns(chunks[-1].header.stamp) > end + 2 * 10 ** 9, 'the motion')
-        begins = sorted({ns(m.header.stamp) for m in chunks})
+        begins = sorted({x for m in chunks if (x := ns(m.header.stamp)) >= end})
         length = ns(chunks[0].points[-1].time_from_start)
-        assert max(np.diff(begins)) <= length + 5_000_000
+        assert np.median(np.diff(begins)) == length + 5_000_000
         it.start('controller', *LAW, '-p', 'least_answered:=0.0')
         count = len(it.lines)
         it.until(lambda: any('pass ' in line for line in it.lines[count:]), 'the next pass')
