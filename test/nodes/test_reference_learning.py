@@ -77,7 +77,8 @@ def test_a_motion_goes_on_without_its_controller() -> None:
     """
     Its chunks follow each other.
 
-    A busy computer makes gaps between a few. How long one is held back is tested in simulated time.
+    A busy computer makes gaps between a few. `test_learning_schedule.py` tests how long one is
+    held back.
     """
     with probe() as it:
         chunks = it.listen(JointTrajectory, 'reference')
