@@ -35,8 +35,8 @@ class LogTime:
     It does not go back because one of them is ahead. A bag is read in the order of its log times,
     so they must not decrease if the order of arrival is to be preserved. A jump of time is
     accepted when the next message of that topic follows it. A jump back, as when a simulation
-    restarts, is one only if the stamps of the topic itself went back: messages of a topic may be
-    late by any time.
+    restarts, is one only if the topic itself had come farther: its messages may be late by any
+    time, and single ones may have other stamps.
 
     Attributes
     ----------
@@ -48,23 +48,23 @@ class LogTime:
     def __init__(self) -> None:
         self.now = 0
         self._last: dict[str, int] = {}
-        #: Topics whose stamps went back, to a time that is not yet accepted.
-        self._restarted: set[str] = set()
+        #: How far each topic has come, without stray stamps, since it was last as far as `now`.
+        self._latest: dict[str, int] = {}
 
     def note(self, topic: str, stamp: int) -> None:
         """Take the stamp of a message of `topic` [ns]."""
         last = self._last.get(topic)
+        latest = self._latest.setdefault(topic, stamp)
         is_far = abs(stamp - self.now) > _MAX_SKEW
-        if last is not None and stamp < last:
-            self._restarted.add(topic)
-        elif not is_far:
-            self._restarted.discard(topic)
         follows = last is not None and 0 <= stamp - last <= _MAX_SKEW
-        is_jump = stamp > self.now or topic in self._restarted
+        is_jump = stamp > self.now or stamp < latest - _MAX_SKEW
         if not self._last or (is_far and follows and is_jump):
             self.now = stamp
         elif not is_far:
             self.now = max(self.now, stamp)
+        if follows:
+            is_late = self.now - stamp > _MAX_SKEW
+            self._latest[topic] = max(latest, stamp) if is_late else stamp
         self._last[topic] = stamp
 
 

@@ -58,6 +58,20 @@ def test_messages_that_are_late_by_any_time_do_not_turn_it_back(
             before = time.now
 
 
+@given(st.permutations(range(60)), st.integers(0, 59), st.integers(-S, 20 * S))
+def test_a_late_topic_with_some_other_stamps_does_not_turn_it_back(
+        order: list[int], index: int, stray: int) -> None:
+    """Check neighbours in another order, and one that is stray."""
+    late = [2 * S + k * MS for k in sorted(range(60), key=lambda k: k + order[k] % 3)]
+    late[index] = stray
+    time = LogTime()
+    for topic, stamps in (('states', [S, S + MS]), ('clock', range(S, 10 * S, S // 100)),
+                          ('states', late)):
+        for stamp in stamps:
+            time.note(topic, stamp)
+    assert time.now >= 10 * S - S // 100
+
+
 @pytest.mark.parametrize('heard', [
     [('states', 4999 * MS, 4999), ('states', 0, 4999), ('states', MS, 1), ('clock', 10 * MS, 10)],
     [('states', 5 * S, 5000), ('states', 9 * S, 5000), ('states', 9 * S + MS, 9001)],
