@@ -175,14 +175,27 @@ class SignalTopic(NamedTuple):
         values = tuple(numbers[x][:, indices] for x in self.fields)
         stamps = np.zeros(len(rows), np.int64)
         if fields[:1] == ['header']:
-            stamp = rows[:, _STAMP].copy().view(_STAMP_TYPE)[:, 0]
-            stamps = NANOSECONDS * stamp['sec'].astype(np.int64) + stamp['nanosec']
+            if not self._begins_with_stamp(rows[0]):
+                return None
+            stamps = _stamps(rows)
             rows[:, _STAMP] = 0
         for views in numbers.values():
             views[...] = 0.0
         if (rows != rows[0]).any():
             return None
         return Signal(np.array(times), stamps, values)
+
+    def _begins_with_stamp(self, row: npt.NDArray[np.uint8]) -> bool:
+        """
+        Return whether the stamp is in front, as in ROS 2 Jazzy.
+
+        Bags may define other headers.
+        """
+        probe = row.copy()
+        probe[_STAMP] = range(8)
+        message = self.bag.decode(memoryview(probe), self.message_type)
+        stamp = _value(message, 'header.stamp')
+        return bool(stamp) and nanoseconds(stamp) == _stamps(probe[np.newaxis])[0]
 
     def _read_each(self, block: Sequence[_Serialized], joints: tuple[str, ...]) -> Signal:
         """Return the values of some joints, message by message."""
@@ -242,6 +255,13 @@ def _join(signals: Sequence[Signal]) -> Signal:
         np.concatenate(logged),
         np.concatenate(stamps),
         tuple(np.concatenate(x) for x in zip(*values)))
+
+
+def _stamps(rows: npt.NDArray[np.uint8]) -> Instants:
+    """Return the stamps in messages that begin with one [ns]."""
+    stamp = rows[:, _STAMP].copy().view(_STAMP_TYPE)[:, 0]
+    stamps: Instants = NANOSECONDS * stamp['sec'].astype(np.int64) + stamp['nanosec']
+    return stamps
 
 
 def _find_numbers(message: Any, fields: Sequence[str], rows: npt.NDArray[np.uint8]

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from contextlib import closing
 from pathlib import Path
+import struct
 from typing import Any
 
 from bags import Entry, write_bag
@@ -30,6 +31,7 @@ from ctc_chattering.bags.signals import (
     SignalTopic,
 )
 from ctc_chattering.errors import CtcError
+from mcap.writer import Writer
 from motion_bags import joint_state, serialized, torques
 import numpy as np
 import pytest
@@ -97,6 +99,38 @@ def test_messages_alike_are_read_at_once_to_the_last_bit(tmp_path: Path) -> None
     found = at_once['alike']
     assert found is not None and found.stamps.tolist() == [10 ** 18 + 7 * k for k in range(40)]
     assert found.values[1].tolist() == [[x.velocity[2], x.velocity[0]] for x in messages]
+
+
+RULE = '=' * 80
+#: Definitions of other distributions, with the layout of a message.
+HEADERS = {
+    'number in front': (
+        'uint32 seq\nbuiltin_interfaces/Time stamp\nstring frame_id', '<4s4xiII4sId'),
+    'time the other way round': (
+        'builtin_interfaces/Time stamp\nstring frame_id\n'
+        f'{RULE}\nMSG: builtin_interfaces/Time\nuint32 nanosec\nint32 sec', '<4sIiI4sI4xd')}
+
+
+@pytest.mark.parametrize('kind', HEADERS)
+def test_stamps_of_a_header_that_the_bag_defines(tmp_path: Path, kind: str) -> None:
+    """They are not where ROS 2 Jazzy has them."""
+    header, layout = HEADERS[kind]
+    definition = f'std_msgs/Header header\nfloat64[] x\n{RULE}\nMSG: std_msgs/Header\n{header}\n'
+    with (tmp_path / 'file.mcap').open('wb') as stream:
+        writer = Writer(stream)
+        writer.start('ros2')
+        schema = writer.register_schema('my_msgs/msg/Row', 'ros2msg', definition.encode())
+        channel = writer.register_channel('/row', 'cdr', schema)
+        for k in range(3):
+            time = (k, 0) if kind == 'number in front' else (0, k)
+            data = struct.pack(layout, b'\0\1\0\0', *time, 1, b'', 1, 0.5 * k)
+            writer.add_message(channel, k, data, k)
+        writer.finish()  # type: ignore[no-untyped-call]
+    with closing(open_bag(tmp_path / 'file.mcap')) as bag:
+        connections = tuple(bag.named('row'))
+        signal = SignalTopic(bag, 'row', 'my_msgs/msg/Row', ('x',), connections).read(('a',))
+    assert signal.stamps.tolist() == [0, 10 ** 9, 2 * 10 ** 9]
+    assert signal.values[0].tolist() == [[0.0], [0.5], [1.0]]
 
 
 def test_a_field_that_a_message_lacks_is_nan(tmp_path: Path) -> None:
