@@ -41,6 +41,7 @@ from ctc_chattering.compiled.records import load, packed
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.irregular_sample import REGULAR
+from ctc_chattering.control.laws.registry import law_class, switching_class
 from ctc_chattering.control.sample import Memories, TRANSIT_ROWS
 from ctc_chattering.control.step import PlainStep
 from ctc_chattering.dynamics.model import Model
@@ -169,13 +170,20 @@ def linear_law(config: ControllerConfig, mass: Array, with_reference: bool = Fal
         If the law is not linear near a steady motion.
 
     """
-    return _linear_law(config, tuple(map(tuple, mass.tolist())), with_reference)
+    # A class of the user's may have become another one of the same name.
+    classes = [law_class(config.law)]
+    if config.switching_in_force:
+        classes.append(switching_class(config.switching_in_force))
+    rows = tuple(map(tuple, mass.tolist()))
+    return _linear_law(config, tuple(classes), rows, with_reference)
 
 
 @lru_cache(maxsize=16)  # Margins of loop, masses and rotors need the same ones.
 def _linear_law(
-        config: ControllerConfig, mass: tuple[tuple[float, ...], ...], with_reference: bool
-        ) -> LinearLaw:
+        config: ControllerConfig,
+        classes: tuple[type, ...],  # noqa: ARG001
+        mass: tuple[tuple[float, ...], ...],
+        with_reference: bool) -> LinearLaw:
     motion = _SteadyMotion(_without_limits(config), np.array(mass), with_reference)
     scale = motion.sensitivity()
     change = motion.differences(_DIFFERENCE, scale)

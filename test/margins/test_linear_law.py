@@ -16,8 +16,12 @@
 
 from __future__ import annotations
 
+import sys
+from types import ModuleType
+
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.laws.registry import law_class
 from ctc_chattering.margins.linear_law import Frozen, linear_law
 import numpy as np
 import pytest
@@ -64,3 +68,15 @@ def test_adapted_friction_integrates_the_error() -> None:
     """While there is friction, its level rises and falls alike."""
     found = linear_law(ControllerConfig(law='slotine_li', friction_level=(0.0, 0.0)), MASS)
     assert np.allclose(found.A, np.eye(2))
+
+
+def test_an_own_law_that_became_another_class_is_not_the_old_one(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """A user changes a law and loads its module again, or runs a notebook's cell again."""
+    module = ModuleType('own_laws')
+    monkeypatch.setitem(sys.modules, 'own_laws', module)
+    config = ControllerConfig(law='own_laws:Law')
+    for name in ('compensation', 'integral'):
+        monkeypatch.setattr(module, 'Law', law_class(name), raising=False)
+        own = linear_law(config, MASS)
+        assert own.A.shape == linear_law(ControllerConfig(law=name), MASS).A.shape
