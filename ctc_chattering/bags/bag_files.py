@@ -128,6 +128,15 @@ def count_dropped(bag: Path, topics: Sequence[str]) -> int:
         return 0
 
 
+def is_complete(bag: Path, topics: Sequence[str]) -> bool:
+    """Return whether our recorder says that it lost no message on topics."""
+    try:
+        notes = read_metadata(bag)['custom_data'] or {}
+    except Exception:  # Without metadata, or of another recorder.
+        return False
+    return 'dropped' in notes and 'repaired' not in notes and not count_dropped(bag, topics)
+
+
 def find_recording(folder: Path) -> tuple[Path, ...]:
     """
     Return the files of a directory's only recording.

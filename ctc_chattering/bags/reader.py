@@ -32,7 +32,7 @@ from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.signals import PARTS, SignalOrigin
 from ctc_chattering.analysis.terms import Replay, ReplayVerdict
 from ctc_chattering.bags.bag import Bag
-from ctc_chattering.bags.bag_files import METADATA
+from ctc_chattering.bags.bag_files import is_complete, METADATA
 from ctc_chattering.bags.recorded_law import (
     answers_to_states,
     is_one_to_one,
@@ -156,7 +156,8 @@ def _read_run(bag: Bag, replacements: Mapping[str, object]) -> Result:
         q = unwrapped_beside(t, q, dq, q_d, continuous, gaps.tolist())
     commands = signals[topics.COMMANDS]
     published = published_terms(signals[_TORQUES], signals[_FILTER], start)
-    tau = answers_to_states(commands, published, states, t)
+    is_whole = is_complete(bag.path, (topics.JOINT_STATES, topics.COMMANDS))
+    tau = answers_to_states(commands, published, states, t, is_whole)
     run = Run(
         t,
         q,

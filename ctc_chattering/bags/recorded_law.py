@@ -97,15 +97,16 @@ def answers_to_states(
         commands: Signal,
         published: RunTerms,
         states: Signal,
-        t: Array) -> Array:
+        t: Array,
+        is_whole: bool) -> Array:
     """
     Return the torque that answers each state.
 
     Its shape is (N, n) [N·m], and it is nan where it is unknown.
 
-    Commands that were received late, many at once, are told by their order. Others stand where
-    `match_commands` is sure of them. They do not stand next to one that differs from the torque
-    published with the stamp of its state.
+    Commands of a whole bag are told by their order, however late they were received. Others stand
+    where `match_commands` is sure of them. They do not stand next to one that differs from the
+    torque published with the stamp of its state.
 
     Parameters
     ----------
@@ -117,12 +118,14 @@ def answers_to_states(
         Terms that the controller published.
     t : ndarray, shape (N,)
         Times of the states [s].
+    is_whole : bool
+        Whether the recorder has lost no state and no command.
 
     """
     stamped = rows_at(t, published.t, published.tau)
     is_stamped = np.asarray(np.isfinite(stamped).all(axis=1))
     counted = _without_repeats(commands, len(t))
-    if _agrees_exactly(counted, stamped, is_stamped):
+    if is_whole and _agrees_exactly(counted, stamped, is_stamped):
         return counted
     answers = match_commands(
         commands.values[0],

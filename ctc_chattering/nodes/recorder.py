@@ -104,6 +104,7 @@ class RecorderNode(BaseNode):
         #: Time of sending of the last message recorded, by the system's clock [ns].
         self._sent = 0
         self._dropped: Counter[str] = Counter()
+        self._note_dropped()
         self._flushed = self._reported = time.monotonic()
         self._time = LogTime()
         self._clock_topic = self.resolve_topic_name(CLOCK)
@@ -171,9 +172,13 @@ class RecorderNode(BaseNode):
         count = topic.sequence.lost(number, lambda: self.count_publishers(topic.name))
         if count:
             self._dropped[topic.name] += count
-            self._recording.notes['dropped'] = str(dict(self._dropped))
+            self._note_dropped()
             self.get_logger().error(
                 f'{topic.name}: {count} messages were dropped', throttle_duration_sec=1.0)
+
+    def _note_dropped(self) -> None:
+        """Say in the bag what was lost, also if it is nothing."""
+        self._recording.notes['dropped'] = str(dict(self._dropped))
 
     def status(self) -> Status:
         """Return the counts of messages, and the problem if there is one."""

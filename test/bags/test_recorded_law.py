@@ -210,20 +210,39 @@ def after_sleep(lost: Sequence[int] = (), twice: Sequence[int] = ()) -> list[Ent
     return found + published_terms(1_000_000 * np.arange(1001))
 
 
+#: What our recorder says of a bag in which nothing is missing.
+WHOLE = {'dropped': '{}'}
+
+
 def test_commands_of_a_recorder_that_slept_are_told_by_their_order(tmp_path: Path) -> None:
-    """As many as states and equal to all torques with stamps, each has its place."""
-    write_bag(tmp_path / 'bag', after_sleep())
+    """Where it says that it lost none, and they are the torques with stamps."""
+    write_bag(tmp_path / 'bag', after_sleep(), notes=WHOLE)
     result = read_bag(tmp_path / 'bag')
     np.testing.assert_array_equal(result.run.tau, RESULT.run.tau)
     assert result.replay == Replay(ReplayVerdict.EXACT)
 
 
-def test_a_lost_command_and_another_one_twice_move_none(tmp_path: Path) -> None:
-    """Their number alone is that of the states."""
-    write_bag(tmp_path / 'bag', after_sleep([200], [700]))
+@pytest.mark.parametrize(('notes', 'twice'), [
+    (WHOLE, 700), ({}, 207), ({'dropped': "{'/effort_controller/commands': 1}"}, 207),
+    ({**WHOLE, 'repaired': '9 messages recovered'}, 207)])
+def test_a_lost_command_and_another_one_twice_move_none(
+        tmp_path: Path, notes: dict[str, str], twice: int) -> None:
+    """Their number is that of the states, also between two torques with stamps."""
+    write_bag(tmp_path / 'bag', after_sleep([203], [twice]), notes=notes)
     tau = read_bag(tmp_path / 'bag').run.tau
     known = np.isfinite(tau).all(axis=1)
     np.testing.assert_array_equal(tau[known], RESULT.run.tau[known])
+
+
+def test_a_lost_command_and_a_lost_state_move_none(tmp_path: Path) -> None:
+    """Their numbers are equal, also between two torques with stamps."""
+    messages = after_sleep([208])
+    lost_state = [x for x in messages if x.topic == STATES][205]
+    write_bag(tmp_path / 'bag', (x for x in messages if x is not lost_state))
+    tau = read_bag(tmp_path / 'bag').run.tau
+    known = np.isfinite(tau).all(axis=1)
+    truth = np.delete(RESULT.run.tau, 205, axis=0)
+    np.testing.assert_array_equal(tau[known], truth[known])
 
 
 @pytest.mark.parametrize('factor', [1.0, 0.5])

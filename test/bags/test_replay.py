@@ -77,7 +77,7 @@ def test_half_a_second_at_1_khz_holds_every_sample_and_equals_the_simulation(bag
     assert found['/clock'] >= 51
     for topic in ('tracking', 'filter', 'torques'):
         assert found[f'/controller/{topic}'] == 501
-    assert not metadata(bag)['custom_data']
+    assert metadata(bag)['custom_data'] == {'dropped': '{}'}
     said = reports_of(bag, 'recorder')
     assert said and {report['dropped'] for report in said} == {'0'}
     for node in ('plant', 'controller'):

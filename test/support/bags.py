@@ -16,8 +16,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.result import Result
@@ -119,9 +120,11 @@ def entries(result: Result, plant: Config, start: int = 0, order: Sequence[int] 
     return found
 
 
-def write_bag(path: Path, found: Iterable[Entry], namespace: str = '') -> dict[str, int]:
+def write_bag(path: Path, found: Iterable[Entry], namespace: str = '',
+              notes: Mapping[str, str] = MappingProxyType({})) -> dict[str, int]:
     """Record messages as the recorder does; return how many there are by topic."""
     recording = BagWriter(path)
+    recording.notes |= notes
     profiles = [offered_qos(100, latched) for latched in (False, True)]
     for topic, t, message in found:
         kind, data = message if isinstance(message, tuple) else (
