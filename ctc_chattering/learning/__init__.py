@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Learn to correct the reference of a repeated motion."""
+"""Learning to correct the reference of a repeated motion."""

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Design of the learning filter for a known loop.
+Design of the learning filter from what is known.
 
 Simulation, reference node and `ctc learn` call `design_filter` with the configuration of the
 controller. With the response T of the loop to its reference (RR1), e_j = e_0 - T r_j. So (RL1)
@@ -116,7 +116,7 @@ def filter_for(motion: RepeatedMotion, reference: ReferenceConfig, controller: C
 def design_filter(config: ControllerConfig, masses: Sequence[Array], gain: float, cutoff: float
                   ) -> LearningFilter:
     """
-    Return a learning filter that converges under a law.
+    Return a filter with which learning converges.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def design_filter(config: ControllerConfig, masses: Sequence[Array], gain: float
 @lru_cache(32)
 def _designed(config: ControllerConfig, masses: tuple[tuple[tuple[float, ...], ...], ...],
               gain: float, cutoff: float) -> LearningFilter:
-    """Return a filter, which takes up to a second."""
+    """Return a filter, and keep it: it takes up to a second."""
     period = seconds(period_ns(config.control_period))
     frequencies = np.geomspace(_LOWEST_FREQUENCY, 0.45 / period, _FREQUENCIES)
     loops = _loops(config, [np.array(mass) for mass in masses], period)

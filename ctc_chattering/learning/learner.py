@@ -66,9 +66,9 @@ _LEAST_SHARE = 0.1
 
 def duration_of_passes(motion: RepeatedMotion, count: int) -> int:
     """
-    Return the path time at which passes have ended [ns].
+    Return the path time at which `count` passes have ended [ns].
 
-    Pass k begins at that of k passes, if each of them changes the correction.
+    The motion is periodic. Pass k begins at that of k passes, if each changes the correction.
     """
     return motion.start + _SETTLING_NS + count * (motion.duration + _CHANGE_NS)
 
@@ -152,7 +152,7 @@ class Learner:
 
     @property
     def is_measuring(self) -> bool:
-        """Return whether a pass with errors is running."""
+        """Return whether samples of a pass have come."""
         return bool(self._samples)
 
     @property
@@ -178,7 +178,7 @@ class Learner:
 
     @property
     def outcome(self) -> str:
-        """Return what was learned from the last pass, in words."""
+        """Return the state, or why nothing was learned, in words."""
         if self.refusal:
             return self.refusal
         if self.problem:
@@ -257,11 +257,11 @@ class Learner:
         self._fade(begin, fade)
 
     def remember(self, name: str, rows: Array) -> None:
-        """Take the correction of a later motion, shape (N, n) [rad]."""
+        """Take the correction of a motion to come, shape (N, n) [rad]."""
         self._progress[name] = Progress(rows=rows)
 
     def reset(self, begin: int) -> None:
-        """Forget what was learned, from path time `begin` [ns] on."""
+        """Forget what was learned, and fade it out from path time `begin` [ns]."""
         self._progress.clear()
         self._begin = None
         self.follow(self.motion, begin)
@@ -382,7 +382,7 @@ class Learner:
         progress.rows = self._within_limits(motion, _bounded(rows, self._bound))
 
     def _within_limits(self, motion: RepeatedMotion, rows: Array) -> Array:
-        """Return the share of a correction that keeps the limits, shape (N, n)."""
+        """Return a correction scaled to keep the limits, shape (N, n)."""
         instants = (motion.begin + np.linspace(0, motion.duration, _LIMIT_CHECKS)).astype(int)
         correction = Correction(motion, rows)
         desired, added = (np.array([x.at(t) for t in instants.tolist()])

@@ -85,7 +85,7 @@ class LearningSchedule(MotionSchedule):
         self.learner.is_frozen = on
 
     def reset_learning(self) -> None:
-        """Forget what was learned, as soon as possible."""
+        """Forget what was learned, and publish soon without it."""
         self.learner.reset(self._path_begin)
         self._next = self._after_published(self.now or 0) // self._period
 
@@ -99,7 +99,7 @@ class LearningSchedule(MotionSchedule):
         """
         Return the first instant that may still change [ns].
 
-        What is held back may change.
+        It is no later than the first one that is held back.
         """
         held_back = max(self._next, now // self._period) * self._period
         return min(super()._after_published(now), held_back)

@@ -137,12 +137,12 @@ def waypoint_motion(route: Route, motion: TimedMotion, begin: int, start: Sequen
 
 
 def moving_frequencies(config: ReferenceConfig) -> list[float]:
-    """Return the frequencies of the joints that move [Hz]."""
+    """Return frequencies of joints that the profile moves [Hz]."""
     return [f for f, size in zip(config.frequency, config.amplitude) if f and size]
 
 
 def _period(config: ReferenceConfig) -> int:
-    """Return the joints' period [ns], or raise `CtcError`."""
+    """Return the common period [ns], or raise `CtcError`."""
     moving = moving_frequencies(config)
     if not moving:
         raise CtcError('learning: no joint moves')

@@ -68,9 +68,10 @@ def make_learner(setup: Setup, robot: Plant, model: Model) -> Learner:
 
 def check_learning(setup: Setup) -> None:
     """
-    Raise `CtcError` for a setup that cannot learn.
+    Raise `CtcError` for ``learning`` that is impossible.
 
-    A reference at rest is not refused. It waits for waypoints or goals, which may be learned.
+    Setups without ``learning`` pass. So does a reference at rest, which waits for waypoints or
+    goals that may be learned.
     """
     is_moving = setup.route is not None or moving_frequencies(setup.reference)
     if setup.reference.learning and is_moving:

@@ -98,6 +98,7 @@ def _gain(A: Array, B: Array, C: Array, angles: Array) -> float:
     """Return the largest singular value at exp(j angle)."""
     z = np.exp(1j * angles)
     pencils = z[:, np.newaxis, np.newaxis] * np.eye(len(A)) - A
-    responses = C @ np.linalg.solve(pencils, B)
+    inputs = B[np.newaxis]  # NumPy 1 may take B for a stack of vectors.
+    responses = C @ np.linalg.solve(pencils, inputs)
     singular_values = np.linalg.svd(responses, compute_uv=False)
     return float(singular_values.max())

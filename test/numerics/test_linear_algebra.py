@@ -37,7 +37,8 @@ def test_of_random_systems() -> None:
         A, B, C = (rng.standard_normal(shape) for shape in ((m, m), (m, k), (k, m)))
         A *= 0.98 / np.abs(np.linalg.eigvals(A)).max()
         scale = np.geomspace(1e-4, 1e4, m)
-        exact = np.linalg.svd(C @ np.linalg.solve(z * np.eye(m) - A, B), compute_uv=False).max()
+        responses = C @ np.linalg.solve(z * np.eye(m) - A, B[np.newaxis])
+        exact = np.linalg.svd(responses, compute_uv=False).max()
         found = peak_gain(scale[:, np.newaxis] * A / scale, scale[:, np.newaxis] * B, C / scale)
         assert exact <= found < 1.003 * exact
 
