@@ -119,22 +119,31 @@ def read_metadata(bag: Path) -> dict[str, Any]:
 
 def count_dropped(bag: Path, topics: Sequence[str]) -> int:
     """Return how many messages on topics our recorder lost."""
-    try:
-        notes = read_metadata(bag).get('custom_data') or {}
-        counts = literal_eval(notes.get('dropped', '{}'))
-        names = [x for x in counts if x.endswith(tuple(topics))]
-        return sum(int(counts[x]) for x in names)
-    except Exception:  # Without metadata, or of another recorder.
-        return 0
+    return _count_dropped(_read_notes(bag), topics)
 
 
 def is_complete(bag: Path, topics: Sequence[str]) -> bool:
     """Return whether our recorder says that it lost no message on topics."""
+    notes = _read_notes(bag)
+    return 'dropped' in notes and 'repaired' not in notes and not _count_dropped(notes, topics)
+
+
+def _read_notes(bag: Path) -> Mapping[str, Any]:
+    """Return the remarks of our recorder on a bag, empty if there are none."""
     try:
-        notes = read_metadata(bag)['custom_data'] or {}
+        return dict(read_metadata(bag)['custom_data'])
     except Exception:  # Without metadata, or of another recorder.
-        return False
-    return 'dropped' in notes and 'repaired' not in notes and not count_dropped(bag, topics)
+        return {}
+
+
+def _count_dropped(notes: Mapping[str, Any], topics: Sequence[str]) -> int:
+    """Return how many messages on topics were lost according to remarks."""
+    try:
+        counts = literal_eval(notes.get('dropped', '{}'))
+        names = [x for x in counts if x.endswith(tuple(topics))]
+        return sum(int(counts[x]) for x in names)
+    except Exception:  # Arbitrary text may raise any exception.
+        return 0
 
 
 def find_recording(folder: Path) -> tuple[Path, ...]:

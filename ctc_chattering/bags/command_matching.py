@@ -147,6 +147,28 @@ def match_commands(values: Array, times: Indices, stamps: Indices, received: Ind
     return _place(matches, numbers)
 
 
+def find_single(values: Array, states: int) -> Flags:
+    """
+    Return which commands do not repeat the one before, shape (M,).
+
+    A plant in lockstep has answers repeated. Those are not single if, without them, there are as
+    many commands as states. Otherwise all are taken for single.
+
+    Parameters
+    ----------
+    values : ndarray, shape (M, n)
+        Commands in the order of their reception [N·m].
+    states : int
+        Number of states.
+
+    """
+    is_single = np.ones(len(values), bool)
+    repeats = (values[1:] == values[:-1]).all(axis=1)
+    if repeats.sum() == len(values) - states:
+        is_single[1:] = ~repeats
+    return is_single
+
+
 def _number_states(stamps: Indices) -> Indices:
     """Return the states' numbers, counting those not recorded, shape (N,)."""
     step = np.diff(stamps)
@@ -178,13 +200,10 @@ def _match(
     values = values[order]
     sent = sent[is_during]
     is_own_recorder = np.array_equal(received, stamps)  # Our recorder logs by stamps.
-    surplus = len(sent) - len(arrival)
-    if is_own_recorder and surplus > 0:
-        is_equal = (values[1:] == values[:-1]).all(axis=1)
-        is_single = np.append(True, ~is_equal)
-        if surplus == len(sent) - is_single.sum():  # The answers that lockstep repeats.
-            values = values[is_single]
-            sent = sent[is_single]
+    if is_own_recorder:
+        is_single = find_single(values, len(arrival))
+        values = values[is_single]
+        sent = sent[is_single]
     command_index = np.arange(len(sent))
     surplus = len(sent) - len(arrival)
     if is_own_recorder and not surplus:

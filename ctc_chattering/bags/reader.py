@@ -156,8 +156,8 @@ def _read_run(bag: Bag, replacements: Mapping[str, object]) -> Result:
         q = unwrapped_beside(t, q, dq, q_d, continuous, gaps.tolist())
     commands = signals[topics.COMMANDS]
     published = published_terms(signals[_TORQUES], signals[_FILTER], start)
-    is_whole = is_complete(bag.path, (topics.JOINT_STATES, topics.COMMANDS))
-    tau = answers_to_states(commands, published, states, t, is_whole)
+    nothing_dropped = is_complete(bag.path, (topics.JOINT_STATES, topics.COMMANDS))
+    tau = answers_to_states(commands, published, states, t, nothing_dropped)
     run = Run(
         t,
         q,

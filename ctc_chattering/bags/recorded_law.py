@@ -28,7 +28,7 @@ from collections.abc import Sequence, Sized
 
 from ctc_chattering.analysis.signals import PARTS, Series, SignalOrigin
 from ctc_chattering.analysis.terms import Replay, ReplayVerdict, RunTerms, terms
-from ctc_chattering.bags.command_matching import match_commands
+from ctc_chattering.bags.command_matching import find_single, match_commands
 from ctc_chattering.bags.signals import Instants, Signal
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.model import Model
@@ -98,15 +98,15 @@ def answers_to_states(
         published: RunTerms,
         states: Signal,
         t: Array,
-        is_whole: bool) -> Array:
+        is_complete: bool) -> Array:
     """
     Return the torque that answers each state.
 
     Its shape is (N, n) [N·m], and it is nan where it is unknown.
 
-    Commands of a whole bag are told by their order, however late they were received. Others stand
-    where `match_commands` is sure of them. They do not stand next to one that differs from the
-    torque published with the stamp of its state.
+    Commands of a complete bag are told by their order, however late they were received. Others
+    stand where `match_commands` is sure of them. They do not stand next to one that differs from
+    the torque published with the stamp of its state.
 
     Parameters
     ----------
@@ -118,15 +118,16 @@ def answers_to_states(
         Terms that the controller published.
     t : ndarray, shape (N,)
         Times of the states [s].
-    is_whole : bool
+    is_complete : bool
         Whether the recorder has lost no state and no command.
 
     """
     stamped = rows_at(t, published.t, published.tau)
     is_stamped = np.asarray(np.isfinite(stamped).all(axis=1))
-    counted = _without_repeats(commands, len(t))
-    if is_whole and _agrees_exactly(counted, stamped, is_stamped):
-        return counted
+    if is_complete:
+        counted = _in_order(commands, len(t))
+        if _agrees_exactly(counted, stamped, is_stamped):
+            return counted
     answers = match_commands(
         commands.values[0],
         commands.logged,
@@ -148,25 +149,17 @@ def answers_to_states(
     return tau
 
 
-def _without_repeats(commands: Signal, states: int) -> Array:
-    """
-    Return the commands in the order of their reception, shape (M, n) [N·m].
-
-    Where they are more than the states by those that repeat the one before, as a plant in lockstep
-    has them repeated, the repeated ones are left out.
-    """
+def _in_order(commands: Signal, states: int) -> Array:
+    """Return single commands in the order of their reception, shape (M, n) [N·m]."""
     order = np.argsort(commands.logged, kind='stable')
     values: Array = commands.values[0][order]
-    repeats = (values[1:] == values[:-1]).all(axis=1)
-    if repeats.sum() == len(values) - states:
-        values = values[np.append(True, ~repeats)]
-    return values
+    return values[find_single(values, states)]
 
 
 def _agrees_exactly(counted: Array, stamped: Array, is_stamped: Flags) -> bool:
     """Return whether commands are as many as the states, with each torque of a known state."""
-    is_complete = len(counted) == len(stamped) and is_stamped.any()
-    return bool(is_complete and (counted[is_stamped] == stamped[is_stamped]).all())
+    is_comparable = len(counted) == len(stamped) and is_stamped.any()
+    return bool(is_comparable and (counted[is_stamped] == stamped[is_stamped]).all())
 
 
 def is_one_to_one(tau: Array) -> bool:
