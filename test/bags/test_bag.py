@@ -22,8 +22,7 @@ import struct
 
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.errors import CtcError
-from mcap.writer import Writer
-from motion_bags import joint_state
+from motion_bags import joint_state, write_defined
 from motion_bags import write as write_bag
 import numpy as np
 import pytest
@@ -95,13 +94,7 @@ def test_a_type_that_only_the_bag_defines(
         tmp_path: Path, encoding: str, definition: str) -> None:
     """Check both kinds of definitions; what they lack is known of ROS 2 Jazzy."""
     data = struct.pack('<4siIIIIIdd', b'\0\1\0\0', 1, 2, 1, 0, 2, 0, 1.5, -2.5)
-    with (tmp_path / 'file.mcap').open('wb') as stream:
-        writer = Writer(stream)
-        writer.start('ros2')
-        schema = writer.register_schema('my_msgs/msg/Thing', encoding, definition.encode())
-        channel = writer.register_channel('/thing', 'cdr', schema)
-        writer.add_message(channel, 7, data, 7)
-        writer.finish()  # type: ignore[no-untyped-call]
+    write_defined(tmp_path / 'file.mcap', '/thing', definition, {7: data}, encoding)
     with closing(open_bag(tmp_path / 'file.mcap')) as reader:
         ((t, found),) = reader.read(reader.named('thing'))
     assert (t, found.header.stamp.sec, found.x.tolist()) == (7, 1, [1.5, -2.5])
@@ -111,14 +104,8 @@ def test_a_type_that_a_bag_defines_in_another_way_is_that_of_no_other_bag(tmp_pa
     """A header of another distribution has a number in front; types are kept between bags."""
     rule = '=' * 80 + '\nMSG: std_msgs/Header\n'
     definition = f'std_msgs/Header header\nstring data\n{rule}uint32 seq\nstring frame_id\n'
-    with (tmp_path / 'other.mcap').open('wb') as stream:
-        writer = Writer(stream)
-        writer.start('ros2')
-        schema = writer.register_schema('my_msgs/msg/Note', 'ros2msg', definition.encode())
-        channel = writer.register_channel('/note', 'cdr', schema)
-        data = struct.pack('<4sII4sI2s', b'\0\1\0\0', 7, 2, b'f', 2, b'x')
-        writer.add_message(channel, 5, data, 5)
-        writer.finish()  # type: ignore[no-untyped-call]
+    data = struct.pack('<4sII4sI2s', b'\0\1\0\0', 7, 2, b'f', 2, b'x')
+    write_defined(tmp_path / 'other.mcap', '/note', definition, {5: data})
     bag = made(tmp_path, 'mcap')
     for _ in range(2):
         with closing(open_bag(bag)) as reader:

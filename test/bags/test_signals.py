@@ -31,8 +31,7 @@ from ctc_chattering.bags.signals import (
     SignalTopic,
 )
 from ctc_chattering.errors import CtcError
-from mcap.writer import Writer
-from motion_bags import joint_state, serialized, torques
+from motion_bags import joint_state, serialized, torques, write_defined
 import numpy as np
 import pytest
 
@@ -116,19 +115,13 @@ def test_stamps_of_a_header_that_the_bag_defines(tmp_path: Path, kind: str) -> N
     """They are not where ROS 2 Jazzy has them."""
     header, layout = HEADERS[kind]
     definition = f'std_msgs/Header header\nfloat64[] x\n{RULE}\nMSG: std_msgs/Header\n{header}\n'
-    with (tmp_path / 'file.mcap').open('wb') as stream:
-        writer = Writer(stream)
-        writer.start('ros2')
-        schema = writer.register_schema('my_msgs/msg/Row', 'ros2msg', definition.encode())
-        channel = writer.register_channel('/row', 'cdr', schema)
-        for k in range(3):
-            time = (k, 0) if kind == 'number in front' else (0, k)
-            data = struct.pack(layout, b'\0\1\0\0', *time, 1, b'', 1, 0.5 * k)
-            writer.add_message(channel, k, data, k)
-        writer.finish()  # type: ignore[no-untyped-call]
+    times = [(k, 0) if kind == 'number in front' else (0, k) for k in range(3)]
+    write_defined(tmp_path / 'file.mcap', '/row', definition, {
+        k: struct.pack(layout, b'\0\1\0\0', *time, 1, b'', 1, 0.5 * k)
+        for k, time in enumerate(times)})
     with closing(open_bag(tmp_path / 'file.mcap')) as bag:
         connections = tuple(bag.named('row'))
-        signal = SignalTopic(bag, 'row', 'my_msgs/msg/Row', ('x',), connections).read(('a',))
+        signal = SignalTopic(bag, 'row', 'my_msgs/msg/Thing', ('x',), connections).read(('a',))
     assert signal.stamps.tolist() == [0, 10 ** 9, 2 * 10 ** 9]
     assert signal.values[0].tolist() == [[0.0], [0.5], [1.0]]
 

@@ -16,11 +16,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from ctc_chattering.numerics.linear_algebra import Array
+from mcap.writer import Writer as McapWriter
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
@@ -141,3 +142,16 @@ def messages_of(t: Array, names: Sequence[str], q: Array, dq: Array | None,
             found.append(('/effort_controller/commands', at + 200_000, torques(
                 command[k], names if labels else ())))
     return found
+
+
+def write_defined(path: Path, topic: str, definition: str, messages: Mapping[int, bytes],
+                  encoding: str = 'ros2msg') -> None:
+    """Write messages of the type `my_msgs/msg/Thing`, by log times [ns], and its definition."""
+    with path.open('wb') as stream:
+        writer = McapWriter(stream)
+        writer.start('ros2')
+        schema = writer.register_schema('my_msgs/msg/Thing', encoding, definition.encode())
+        channel = writer.register_channel(topic, 'cdr', schema)
+        for t, data in messages.items():
+            writer.add_message(channel, t, data, t)
+        writer.finish()  # type: ignore[no-untyped-call]
