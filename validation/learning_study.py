@@ -39,6 +39,7 @@ from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
 from ctc_chattering.learning.design import filter_for
 from ctc_chattering.learning.learner import Learner, LearningState
+from ctc_chattering.learning.learning_filter import low_pass
 from ctc_chattering.learning.motion import motion_of
 from ctc_chattering.learning.simulated_learner import make_learner
 from ctc_chattering.simulation.closed_loop import ClosedLoop, LearnedTable, run_closed_loop
@@ -85,6 +86,13 @@ BOUND_RAD = 0.1
 TORQUE_BOUND = 0.5
 #: Share of the effort limits that friction and the nominal model may take.
 TORQUE_SHARE = 0.7
+#: Learning by the torque: part of the law's own feedback, kp and kv times the inertia, as in
+#: feedback error learning.
+TORQUE_GAIN = 0.5
+#: Cut-off frequency of a filter without delay [Hz].
+TORQUE_CUTOFF = 20.0
+#: Time by which a torque is earlier than its error: lag, delay and half a period [s].
+TORQUE_LEAD_S = 4e-3
 #: Growth of the error over two passes from which on learning ends.
 GROWTH = 1.2
 #: Samples of a pass, and of a fade.
@@ -112,32 +120,6 @@ NOTHING, PACKAGE, TORQUE = 'nothing', 'package', 'torque'
 
 
 @dataclasses.dataclass(frozen=True)
-class Tuning:
-    """
-    Tuning of a way to learn.
-
-    Attributes
-    ----------
-    gain : float
-        Part of an error that a pass corrects; of the law's own feedback for torques.
-    cutoff : float
-        Of the filter without delay [Hz], 0 for that of the package.
-    lead : float
-        Time by which a learned torque is earlier than its error [s].
-
-    """
-
-    gain: float = 0.0
-    cutoff: float = 0.0
-    lead: float = 0.0
-
-
-#: Tuning by way to learn. That of torques: the law's kp and kv times the inertia, as in feedback
-#: error learning; the lead is lag, delay and half a period.
-TUNINGS = {NOTHING: Tuning(), PACKAGE: Tuning(0.7), TORQUE: Tuning(0.5, 20.0, 4e-3)}
-
-
-@dataclasses.dataclass(frozen=True)
 class Task:
     """A run: what it is and how it learns."""
 
@@ -147,7 +129,6 @@ class Task:
     law: str
     learns: str
     seed: int
-    tuning: Tuning
     passes: int = PASSES
 
 
@@ -301,7 +282,6 @@ class TorqueLearner:
 
     def __init__(self, task: Task, setup: Setup, arm: Arm) -> None:
         n = arm.described.n
-        self.tuning = task.tuning
         self.added = self.best = np.zeros((N, n))
         self.errors: list[float] = []
         self.learns = task.learns == TORQUE
@@ -326,13 +306,13 @@ class TorqueLearner:
         if len(last) == 3 and last == sorted(last) and last[2] > GROWTH * last[0]:
             self.frozen, self.added = True, self.best
             return
-        frequency = np.fft.rfftfreq(N, PERIOD_S)
+        frequency = np.fft.rfftfreq(N, PERIOD_S).astype(float)
         s = 2j * np.pi * frequency
-        low_pass = 1.0 / (1.0 + (frequency / self.tuning.cutoff) ** 8)
-        smooth = through(error, low_pass)
+        q = low_pass(frequency, TORQUE_CUTOFF)
+        smooth = through(error, q)
         torque = self.kp * smooth + self.kd * through(smooth, s)
-        step = self.tuning.gain * through(torque, np.exp(s * self.tuning.lead))
-        added = through(self.added + step, low_pass)
+        step = TORQUE_GAIN * through(torque, np.exp(s * TORQUE_LEAD_S))
+        added = through(self.added + step, q)
         self.added = np.clip(added, -self.bound, self.bound)
 
 
@@ -407,10 +387,8 @@ class StoppedTable(LearnedTable):
 def by_package(task: Task, setup: Setup, robot: ForeignRobot, course: Course, law: Controller
                ) -> dict[str, Any]:
     """Run the loop of the package, which learns."""
-    values = {'learning': True, 'learning_gain': task.tuning.gain,
-              'learning_cutoff': task.tuning.cutoff}
     setup = setup.changed({
-        'plant': {'duration': robot.last * PERIOD_S}, 'reference': values,
+        'plant': {'duration': robot.last * PERIOD_S}, 'reference': {'learning': True},
         'controller': {'error_limit': DIVERGED_RAD}})
     plant: Any = robot
     start = dict(zip(setup.plant.joint_names, zip(*map(tuple, robot.measured))))
@@ -540,7 +518,7 @@ def tasks(options: argparse.Namespace) -> Iterator[Task]:
                         for way in options.ways:
                             few = (way == NOTHING and not CASES[case].load
                                    and law not in ADAPTIVE_LAWS)
-                            yield Task(arm, engine, case, law, way, seed, TUNINGS[way],
+                            yield Task(arm, engine, case, law, way, seed,
                                        1 if few else options.passes)
 
 
