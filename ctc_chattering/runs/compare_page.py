@@ -41,7 +41,7 @@ from ctc_chattering.runs.conditions import CONDITIONS
 from ctc_chattering.runs.law_figures import draw_panels, draw_trade_off, law_styles
 from ctc_chattering.runs.recommended import BASELINE, BEST, LawSettings
 from ctc_chattering.runs.run_lists import RunList
-from ctc_chattering.runs.score import PER_JOINT, Score
+from ctc_chattering.runs.score import PassScore, PER_JOINT, Score
 from ctc_chattering.runs.store import FIGURES, PAGE
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -78,9 +78,8 @@ class Outcome:
         Parameters of the controller as JSON, of the first run.
     score : Score
         Worst numbers of the runs, or the failure of the first run without numbers.
-    passes : sequence of (float, float, float)
-        Worst RMS error [rad] and torque variation [N·m/s] of any joint in each pass. It is empty
-        without ``passes``.
+    passes : sequence of PassScore
+        Worst numbers of the runs in each pass. It is empty without ``passes``.
     learning : str
         State of the learning at the end, in words, or the failure.
 
@@ -94,7 +93,7 @@ class Outcome:
     joints: Sequence[str]
     controller: str
     score: Score
-    passes: Sequence[tuple[float, float, float]]
+    passes: Sequence[PassScore]
     learning: str
 
     @property
@@ -122,7 +121,7 @@ def _outcome(runs: pandas.DataFrame) -> Outcome:
             name: tuple(float(largest[f'{column}_{i}']) for i, _ in enumerate(joints, 1))
             for name, (column, _) in PER_JOINT.items()}
         worst = Score(**values)
-    passes = [tuple(map(max, zip(*x))) for x in zip(*map(json.loads, runs['passes_of_run']))]
+    passes = [PassScore(*map(max, zip(*x))) for x in zip(*map(json.loads, runs['passes_of_run']))]
     return Outcome(
         file=first['file'], experiment=first['experiment'], condition=first['condition'],
         is_held_out=bool(first['held_out']), law=LawSettings(*first[list(LAW_COLUMNS)]),
@@ -236,17 +235,18 @@ def _pass_table(group: Sequence[Outcome]) -> Table:
     """Return errors and torque variation before and after learning."""
     lines = []
     for x in group:
-        passes = x.passes or [(inf, inf, inf)]
-        (error, variation, _), (last_error, last_variation, without) = passes[0], passes[-1]
-        columns = [(error, '.1e'), (last_error, '.1e'), (without, '.1e'),
-                   (last_error / without, '.2g'), (variation, '.0f'), (last_variation, '.0f')]
+        passes = x.passes or [PassScore(inf, inf, inf)]
+        before, after = passes[0], passes[-1]
+        columns = [(before.error, '.1e'), (after.error, '.1e'), (after.error_without, '.1e'),
+                   (after.error / after.error_without, '.2g'),
+                   (before.variation, '.0f'), (after.variation, '.0f')]
         lines.append([Number(value, f'{value:{form}}' if value < inf else '')
                       for value, form in columns])
-    after = f'after {len(group[0].passes) - 1} passes'
+    head_after = f'after {len(group[0].passes) - 1} passes'
     return Table(
         bold(group[0].title) + ': RMS error [rad] and torque variation [N·m/s] of the worst joint',
-        [*LAW_COLUMNS, 'learning', 'error before', after, 'then, without learning', 'ratio',
-         'variation before', after],
+        [*LAW_COLUMNS, 'learning', 'error before', head_after, 'then, without learning', 'ratio',
+         'variation before', head_after],
         [[*x.law.columns.values(), x.learning, *row[len(LAW_COLUMNS):]]
          for row, x in zip(_rows(group, lines), group)], len(LAW_COLUMNS) + 1)
 
@@ -321,7 +321,7 @@ def draw_passes(group: Sequence[Outcome], title: str) -> Figure:
             ax.plot(values, **style, markersize=5, label=name, clip_on=False)
             ax.set(xlabel='passes learned from')
             ax.locator_params('x', integer=True)
-        without = [error for _, _, error in x.passes]
+        without = [numbers.error_without for numbers in x.passes]
         axes[0].plot(without, color=style['color'], linestyle=':', clip_on=False)
     axes[0].set(yscale='log')
     axes[1].set(ylabel='torque variation [N·m/s]', ylim=(0.0, None))

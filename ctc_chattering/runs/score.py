@@ -189,12 +189,22 @@ def _evaluate(run: Run, setup: Setup, window: tuple[float, float], period: float
         peak_rate=tuple(_peak_rate(run, setup.controller.control_period).tolist()))
 
 
+class PassScore(NamedTuple):
+    """Numbers of the worst joint in a pass."""
+
+    #: RMS error [rad].
+    error: float
+    #: Torque variation [N·m/s].
+    variation: float
+    #: RMS error of the run without learning at that time [rad].
+    error_without: float
+
+
 def pass_columns(result: Result, without: Run, passes: int) -> dict[str, str]:
     """
     Return the columns of a run that has learned from passes.
 
-    ``passes_of_run`` has, for each pass from the one before learning on, the worst joint's RMS
-    error [rad], its torque variation [N·m/s], and that error in the run without learning.
+    ``passes_of_run`` has a `PassScore` for each pass, from the one before learning on.
     """
     assert result.learner is not None
     rows = []
@@ -202,8 +212,10 @@ def pass_columns(result: Result, without: Run, passes: int) -> dict[str, str]:
         window = seconds(finished.begin), seconds(finished.end)
         numbers, others = (metrics(run, window, result.config.control_period)
                            for run in (result.run, without))
-        rows.append([max(numbers['rms_error_rad']), max(numbers['torque_variation_nm_per_s']),
-                     max(others['rms_error_rad'])])
+        rows.append(PassScore(
+            error=max(numbers['rms_error_rad']),
+            variation=max(numbers['torque_variation_nm_per_s']),
+            error_without=max(others['rms_error_rad'])))
     state = result.learner.outcome
     return {'passes_of_run': json.dumps(rows), 'learning': state}
 
