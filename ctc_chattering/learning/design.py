@@ -43,7 +43,12 @@ from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.learning.learner import MAX_GAP_NS
 from ctc_chattering.learning.learning_filter import LearningFilter, low_pass
 from ctc_chattering.learning.motion import RepeatedMotion
-from ctc_chattering.margins.linear_law import is_proportional, joints_are_equal, linear_law
+from ctc_chattering.margins.linear_law import (
+    classes_in_force,
+    is_proportional,
+    joints_are_equal,
+    linear_law,
+)
 from ctc_chattering.margins.loop_margins import Loops
 from ctc_chattering.margins.reference_response import reference_response
 from ctc_chattering.numerics.linear_algebra import Array, ComplexArray
@@ -136,12 +141,16 @@ def design_filter(config: ControllerConfig, masses: Sequence[Array], gain: float
 
     """
     key = tuple(tuple(map(tuple, mass.tolist())) for mass in masses)
-    return _designed(config, key, gain, cutoff)
+    return _designed(config, classes_in_force(config), key, gain, cutoff)
 
 
 @lru_cache(32)
-def _designed(config: ControllerConfig, masses: tuple[tuple[tuple[float, ...], ...], ...],
-              gain: float, cutoff: float) -> LearningFilter:
+def _designed(
+        config: ControllerConfig,
+        classes: tuple[type, ...],  # noqa: ARG001
+        masses: tuple[tuple[tuple[float, ...], ...], ...],
+        gain: float,
+        cutoff: float) -> LearningFilter:
     """Return a filter, and keep it: it takes up to a second."""
     period = seconds(period_ns(config.control_period))
     frequencies = np.geomspace(_LOWEST_FREQUENCY, 0.45 / period, _FREQUENCIES)

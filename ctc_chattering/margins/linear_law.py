@@ -170,12 +170,8 @@ def linear_law(config: ControllerConfig, mass: Array, with_reference: bool = Fal
         If the law is not linear near a steady motion.
 
     """
-    # A class of the user's may have become another one of the same name.
-    classes = [law_class(config.law)]
-    if config.switching_in_force:
-        classes.append(switching_class(config.switching_in_force))
     rows = tuple(map(tuple, mass.tolist()))
-    return _linear_law(config, tuple(classes), rows, with_reference)
+    return _linear_law(config, classes_in_force(config), rows, with_reference)
 
 
 @lru_cache(maxsize=16)  # Margins of loop, masses and rotors need the same ones.
@@ -195,6 +191,17 @@ def _linear_law(
         raise CtcError(
             f'law {name} is not linear near a steady motion; its stability is not computed')
     return _minimal(change, scale, motion.states, 2 * len(mass))
+
+
+def classes_in_force(config: ControllerConfig) -> tuple[type, ...]:
+    """
+    Return the classes of law and switching.
+
+    What is kept for a configuration is kept for them, too: a class of the user's may have become
+    another one of the same name.
+    """
+    switching = config.switching_in_force
+    return law_class(config.law), *([switching_class(switching)] if switching else [])
 
 
 def is_proportional(law: LinearLaw, of_identity: LinearLaw, mass: Array) -> bool:

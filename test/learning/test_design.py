@@ -19,12 +19,14 @@ from __future__ import annotations
 
 import dataclasses
 from functools import cache
+import sys
+from types import ModuleType
 from typing import Any, NamedTuple
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import find_config
-from ctc_chattering.control.laws.registry import LAWS
+from ctc_chattering.control.laws.registry import law_class, LAWS
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.learning.design import design_filter, filter_for
@@ -348,3 +350,16 @@ def test_it_converges_with_irregular_samples(law: str) -> None:
             r = learning_filter.update(r, e, 1e-3)
         assert sizes[-1] < 0.1 * sizes[0]
         assert max(sizes[1:]) < sizes[0]
+
+
+def test_the_filter_of_an_own_law_that_became_another_class_is_not_the_old_one(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    module = ModuleType('own_laws')
+    monkeypatch.setitem(sys.modules, 'own_laws', module)
+    masses = masses_of(setup_of('friction', 'compensation'))
+    config = setup_of('friction', 'compensation').controller
+    for name in ('compensation', 'pd_gravity'):
+        monkeypatch.setattr(module, 'Law', law_class(name), raising=False)
+        found, expected = (design_filter(config.changed({'law': law}), masses, GAIN, 4.0)
+                           for law in ('own_laws:Law', name))
+        np.testing.assert_array_equal(found.gain, expected.gain)
